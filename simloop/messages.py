@@ -1,0 +1,206 @@
+"""The typed messages that flow along every arrow of the loop.
+
+Conventions: SI units, radians, yaw counter-clockwise, x forward, z up (REP-103);
+frames map -> odom -> base_link -> laser/imu (REP-105). ``t_ns`` is simulated time
+in integer nanoseconds. Arrays inside a message are read-only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+class _Message:
+    """Base of the messages: freezes every array that a message carries."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        for field in fields(self):  # type: ignore[arg-type]
+            value: Any = getattr(self, field.name)
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth(_Message):
+    """What the plant knows and the robot must not: for sensors, metrics and recorder.
+
+    pose_xyyaw: (3,) base_link in map, m, m, rad.
+    position_m: (3,) base_link origin in the world; quaternion_wxyz: (4,).
+    velocity_body: (6,) linear m/s then angular rad/s, in base_link.
+    acceleration_mps2: (3,) proper acceleration at the IMU (what an ideal accelerometer reads).
+    sprocket_rad, sprocket_radps: (2,) left, right.
+    motor_current_a, motor_voltage_v: (2,) left, right.
+    energy_j: electrical energy drawn from the battery since the start.
+    contact_count: touches of the vehicle with anything but the ground, counted at their onset.
+    in_contact: whether it touches anything but the ground now.
+    """
+
+    t_ns: int
+    pose_xyyaw: FloatArray
+    position_m: FloatArray
+    quaternion_wxyz: FloatArray
+    velocity_body: FloatArray
+    acceleration_mps2: FloatArray
+    sprocket_rad: FloatArray
+    sprocket_radps: FloatArray
+    motor_current_a: FloatArray
+    motor_voltage_v: FloatArray
+    energy_j: float
+    contact_count: int
+    in_contact: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EncoderReading(_Message):
+    """Cumulative sprocket counts (980 a turn), quantised."""
+
+    t_ns: int
+    left_counts: int
+    right_counts: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImuReading(_Message):
+    """gyro_radps, accel_mps2: (3,) in the imu frame, which is parallel to base_link."""
+
+    t_ns: int
+    gyro_radps: FloatArray
+    accel_mps2: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LidarScan(_Message):
+    """One full turn. Beam i was cast at ``t_ns - age_ns[i]``, from the laser's pose of that instant.
+
+    angles_rad: (N,) in the laser frame; ranges_m: (N,), inf where nothing came back;
+    age_ns: (N,) int64, how long before ``t_ns`` (the end of the turn) the beam was cast.
+    """
+
+    t_ns: int
+    angles_rad: FloatArray
+    ranges_m: FloatArray
+    age_ns: NDArray[np.int64]
+    range_min_m: float
+    range_max_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate(_Message):
+    """The robot's belief. state: (7,) x, y, yaw, speed, yaw rate, gyro bias, gauge ratio k.
+
+    covariance: (7, 7). ``pose`` is base_link in map.
+    """
+
+    t_ns: int
+    state: FloatArray
+    covariance: FloatArray
+
+    @property
+    def pose(self) -> FloatArray:
+        """(3,) x, y, yaw of base_link in map."""
+        return self.state[:3]
+
+    @property
+    def speed(self) -> float:
+        """Forward speed, m/s."""
+        return float(self.state[3])
+
+    @property
+    def yaw_rate(self) -> float:
+        """rad/s."""
+        return float(self.state[4])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseFix(_Message):
+    """A scan-to-map match: pose (3,) of base_link in map at ``t_ns``, with covariance (3, 3).
+
+    ``ok`` is False where the match is not to be trusted (too few points, poor overlap).
+    """
+
+    t_ns: int
+    pose: FloatArray
+    covariance: FloatArray
+    score: float
+    ok: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WorldView(_Message):
+    """What a planner may know of the world, all of it from the robot's own map.
+
+    distance_m: (rows, cols) float32, [iy, ix], Euclidean distance from a cell's centre to the
+    nearest occupied cell's surface; cell (0, 0) has its lower left corner at origin_m (2,).
+    discs_xyr_m: (K, 3) obstacles as discs. bounds_m: (4,) x_min, y_min, x_max, y_max of the
+    space in which waypoints may lie. Outside the grid all is free; unknown is free.
+    """
+
+    t_ns: int
+    origin_m: FloatArray
+    resolution_m: float
+    distance_m: NDArray[np.float32]
+    discs_xyr_m: FloatArray
+    bounds_m: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan(_Message):
+    """A planner's answer: waypoints_m (M, 2) from start to goal, with its account.
+
+    cost is J = w1 length + w2 turning (+ penalty when not safe). candidates_m: some of the
+    final class, for the eye only. ``safe``: clearance kept along the whole polyline.
+    """
+
+    t_ns: int
+    waypoints_m: FloatArray
+    cost: float
+    length_m: float
+    turning_rad: float
+    safe: bool
+    evaluations: int
+    generations: int
+    planner: str
+    reason: str = "frame"
+    candidates_m: tuple[FloatArray, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SmoothPath(_Message):
+    """A densely sampled, curvature-continuous path in map.
+
+    xy_m: (K, 2); yaw_rad, curvature_1pm, arc_m, clearance_m: (K,). clearance_m is the least
+    distance from any of the footprint's discs' centres to an obstacle, at that sample.
+    ``safe``: every sample keeps the safety distance.
+    """
+
+    t_ns: int
+    xy_m: FloatArray
+    yaw_rad: FloatArray
+    curvature_1pm: FloatArray
+    arc_m: FloatArray
+    clearance_m: FloatArray
+    safe: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackCommand(_Message):
+    """What the tracker wants: sprocket speeds and the motor voltages that shall bring them.
+
+    speed_mps, yaw_rate_radps: the body velocity asked for. mode: what the tracker is doing
+    (follow, turn, stop, back_off, arrived, ...).
+    """
+
+    t_ns: int
+    speed_mps: float
+    yaw_rate_radps: float
+    sprocket_radps: FloatArray
+    voltage_v: FloatArray
+    mode: str
