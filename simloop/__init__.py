@@ -1,0 +1,1 @@
+"""Closed-loop simulation of a tracked ground robot in MuJoCo, headless and reproducible."""

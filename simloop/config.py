@@ -1,0 +1,170 @@
+"""Every setting of the simulator, with its unit and default: frozen, nested, validated.
+
+Each stage reads its own section and no other. The sections mirror the tables of a
+scenario file; ``--set section.key=value`` reaches every one of them.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import ConfigDict, Field
+from pydantic.dataclasses import dataclass
+
+_STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+Positive = Annotated[float, Field(gt=0.0)]
+NonNegative = Annotated[float, Field(ge=0.0)]
+Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+
+
+@dataclass(frozen=True, slots=True, config=_STRICT)
+class RatesConfig:
+    """Periods, s. Physics divides control; control divides every sensor and planner period."""
+
+    physics_s: Positive = 0.002
+    control_s: Positive = 0.01
+    imu_s: Positive = 0.01
+    encoder_s: Positive = 0.01
+    lidar_s: Positive = 0.1
+    plan_s: Positive = 1.83
+
+
+@dataclass(frozen=True, slots=True, config=_STRICT)
+class TracksConfig:
+    """Track-ground contact: isotropic Coulomb friction behind a shear brush."""
+
+    friction: Annotated[float, Field(gt=0.0, le=2.0)] = 0.6
+    shear_modulus_m: Positive = 0.001
+    shear_damping_s: NonNegative = 0.01
+    rolling_resistance: Annotated[float, Field(ge=0.0, le=0.5)] = 0.02
+
+
+@dataclass(frozen=True, slots=True, config=_STRICT)
+class MotorConfig:
+    """EMG49 (24 V, 49:1) behind an MD49 driver; all figures at the output shaft."""
+
+    supply_v: Positive = 24.0
+    resistance_ohm: Positive = 24.0 / 13.0
+    torque_nm_per_a: Positive = 1.57 / 1.6
+    back_emf_v_per_radps: Positive = (24.0 - 0.5 * 24.0 / 13.0) / 14.975
+    no_load_current_a: NonNegative = 0.5
+    current_limit_a: Positive = 5.0
+    rotor_inertia_kgm2: Positive = 0.02
+
+
+@dataclass(frozen=True, slots=True, config=_STRICT)
+class VehicleConfig:
+    """What the robot's own software knows of its body (Sabiha 2022, Table 3)."""
+
+    gauge_m: Positive = 0.39
+    contact_length_m: Positive = 0.415
+    sprocket_radius_m: Positive = 0.037
+    length_m: Positive = 0.49
+    width_m: Positive = 0.465
+    footprint_offsets_m: tuple[float, float, float] = (-0.16, 0.0, 0.16)
+    footprint_radius_m: Positive = 0.25
+
+
+@dataclass(frozen=True, slots=True, config=_STRICT)
+class EncoderConfig:
+    counts_per_turn: Annotated[int, Field(gt=0)] = 980
+
+
+@dataclass(frozen=True, slots=True, config=_STRICT)
+class ImuConfig:
+    """MPU-9250: noise densities from its data sheet, bias after a start-up calibration."""
+
+    gyro_noise_radps_rthz: NonNegative = 1.75e-4
+    gyro_bias_radps: NonNegative = 3.0e-3
+    gyro_bias_walk_radps_rts: NonNegative = 2.0e-5
+    accel_noise_mps2_rthz: NonNegative = 2.9e-3
+    accel_bias_mps2: NonNegative = 0.05
+    accel_bias_walk_mps2_rts: NonNegative = 2.0e-4
+
+
+@dataclass(frozen=True, slots=True, config=_STRICT)
+class LidarConfig:
+    rays: Annotated[int, Field(ge=8, le=36000)] = 360
+    range_min_m: Positive = 0.15
+    range_max_m: Positive = 12.0
+    noise_m: NonNegative = 0.01
+    dropout: Fraction = 0.005
+
+
+@dataclass(frozen=True, slots=True, config=_STRICT)
+class EkfConfig:
+    """Process noise as densities (per square root of a second), gates as probabilities."""
+
+    speed_walk: Positive = 0.6
+    yaw_rate_walk: Positive = 3.0
+    lateral_walk: Positive = 0.01
+    gyro_bias_walk: NonNegative = 2.0e-5
+    gauge_ratio_walk: NonNegative = 0.01
+    gauge_ratio: Positive = 1.2
+    gauge_ratio_std: Positive = 0.15
+    gyro_bias_std: Positive = 5.0e-3
+    encoder_slip_mps: Positive = 0.01
+    gate_probability: Annotated[float, Field(gt=0.5, lt=1.0)] = 0.9999
+
+
+@dataclass(frozen=True, slots=True, config=_STRICT)
+class SlamConfig:
+    """Grid and scan matcher."""
+
+    resolution_m: Positive = 0.05
+    hit_log_odds: Positive = 0.9
+    miss_log_odds: Positive = 0.4
+    max_log_odds: Positive = 5.0
+    occupied_log_odds: float = 0.5
+    search_xy_m: Positive = 0.15
+    search_yaw_rad: Positive = 0.10
+    match_std_xy_m: Positive = 0.004
+    match_std_yaw_rad: Positive = 0.002
+
+
+@dataclass(frozen=True, slots=True, config=_STRICT)
+class PlannerConfig:
+    """Sabiha 2022: J = w1 S + w2 Theta + sigma sum R; class of 100; 30 idle generations end it."""
+
+    name: str = "tlbo"
+    length_weight: NonNegative = 0.65
+    turning_weight: NonNegative = 0.35
+    penalty: Positive = 60.0
+    learners: Annotated[int, Field(ge=4)] = 100
+    idle_generations: Annotated[int, Field(ge=1)] = 30
+    max_evaluations: Annotated[int, Field(ge=100)] = 40_000
+    safe_distance_m: Positive = 0.26
+    precise: bool = False
+    latency: Literal["fixed", "per_evaluation"] = "fixed"
+    latency_s: NonNegative = 0.0
+
+
+@dataclass(frozen=True, slots=True, config=_STRICT)
+class TrackerConfig:
+    """Velocity control along the path."""
+
+    max_speed_mps: Positive = 0.45
+    max_yaw_rate_radps: Positive = 1.6
+    max_accel_mps2: Positive = 0.8
+    max_decel_mps2: Positive = 0.8
+    max_lateral_accel_mps2: Positive = 0.4
+    stop_margin_m: Positive = 0.02
+    stuck_s: Positive = 3.0
+
+
+@dataclass(frozen=True, slots=True, config=_STRICT)
+class Config:
+    """The whole simulator but for the scenario's own facts (arena, start, goal)."""
+
+    rates: RatesConfig = Field(default_factory=RatesConfig)
+    vehicle: VehicleConfig = Field(default_factory=VehicleConfig)
+    tracks: TracksConfig = Field(default_factory=TracksConfig)
+    motor: MotorConfig = Field(default_factory=MotorConfig)
+    encoder: EncoderConfig = Field(default_factory=EncoderConfig)
+    imu: ImuConfig = Field(default_factory=ImuConfig)
+    lidar: LidarConfig = Field(default_factory=LidarConfig)
+    ekf: EkfConfig = Field(default_factory=EkfConfig)
+    slam: SlamConfig = Field(default_factory=SlamConfig)
+    planner: PlannerConfig = Field(default_factory=PlannerConfig)
+    tracker: TrackerConfig = Field(default_factory=TrackerConfig)

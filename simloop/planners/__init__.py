@@ -1,0 +1,1 @@
+"""The planners: one protocol, many methods, each chosen by name."""
