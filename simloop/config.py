@@ -8,14 +8,26 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, model_validator
 from pydantic.dataclasses import dataclass
+from pydantic_core import PydanticCustomError
 
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 Positive = Annotated[float, Field(gt=0.0)]
 NonNegative = Annotated[float, Field(ge=0.0)]
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+
+
+def to_ns(seconds: float) -> int:
+    """A time in whole nanoseconds, the unit in which simulated time is kept."""
+    return round(seconds * 1e9)
+
+
+def _reject(message: str) -> PydanticCustomError:
+    """An error about keys that do not go together; its text names the keys itself."""
+    # The text is data, not a template: braces in it must stay as they are.
+    return PydanticCustomError("keys_clash", "{text}", {"text": message})
 
 
 @dataclass(frozen=True, slots=True, config=_STRICT)
@@ -28,6 +40,19 @@ class RatesConfig:
     encoder_s: Positive = 0.01
     lidar_s: Positive = 0.1
     plan_s: Positive = 1.83
+
+    @model_validator(mode="after")
+    def _periods_divide(self) -> RatesConfig:
+        """Integer ratios, checked in whole nanoseconds: no period may drift against another."""
+        sensors = ("imu_s", "encoder_s", "lidar_s", "plan_s")
+        for slow, fast in [("control_s", "physics_s")] + [(name, "control_s") for name in sensors]:
+            long_s, short_s = getattr(self, slow), getattr(self, fast)
+            if to_ns(short_s) < 1 or to_ns(long_s) % to_ns(short_s) or to_ns(long_s) < 1:
+                raise _reject(
+                    f"rates.{slow} = {long_s:g} s is not a whole multiple of "
+                    f"rates.{fast} = {short_s:g} s"
+                )
+        return self
 
 
 @dataclass(frozen=True, slots=True, config=_STRICT)
@@ -90,6 +115,15 @@ class LidarConfig:
     range_max_m: Positive = 12.0
     noise_m: NonNegative = 0.01
     dropout: Fraction = 0.005
+
+    @model_validator(mode="after")
+    def _range_opens(self) -> LidarConfig:
+        if self.range_min_m >= self.range_max_m:
+            raise _reject(
+                f"lidar.range_min_m = {self.range_min_m:g} m is not below "
+                f"lidar.range_max_m = {self.range_max_m:g} m"
+            )
+        return self
 
 
 @dataclass(frozen=True, slots=True, config=_STRICT)
