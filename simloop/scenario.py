@@ -1,0 +1,339 @@
+"""A scenario: where the robot starts, where it shall go, through what, and every setting.
+
+A scenario file is TOML: the scenario's own keys at the top, then one table for each section
+of ``Config`` whose defaults it changes. All that is wrong in it ends as one line that names
+the file, the key and the choices.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+import typing
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, fields, is_dataclass
+from functools import cache
+from pathlib import Path
+from types import UnionType
+from typing import Annotated, Any, Literal
+
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, model_validator
+from pydantic.dataclasses import dataclass
+from pydantic_core import ErrorDetails, PydanticCustomError
+
+from simloop import paths
+from simloop.config import Config, NonNegative, Positive
+from simloop.errors import InputError, did_you_mean
+
+_STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
+_BARE_WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_\-./]*\Z")
+Count = Annotated[int, Field(ge=0, lt=2**63)]
+
+
+@dataclass(frozen=True, slots=True, config=_STRICT)
+class Obstacle:
+    """An upright obstacle that the scenario adds to the arena's own.
+
+    at: (2,) its centre in map, m. size_m: a cylinder's [radius] or a box's [length, width].
+    """
+
+    shape: Literal["box", "cylinder"]
+    at: tuple[float, float]
+    size_m: Annotated[tuple[Positive, ...], Field(min_length=1, max_length=2)]
+    yaw: float = 0.0
+    height_m: Positive = 0.4
+
+    @model_validator(mode="after")
+    def _size_fits_shape(self) -> Obstacle:
+        wanted = {"cylinder": 1, "box": 2}[self.shape]
+        if len(self.size_m) != wanted:
+            raise PydanticCustomError(
+                "size",
+                "a {shape} has {wanted} number(s) in size_m, not {given}",
+                {"shape": self.shape, "wanted": wanted, "given": len(self.size_m)},
+            )
+        return self
+
+
+@dataclass(frozen=True, slots=True, config=_STRICT)
+class Clutter:
+    """Obstacles drawn anew from the seed, until a way for the footprint is left.
+
+    size_min_m, size_max_m: bounds of an obstacle's radius (of its circumscribed circle).
+    region_m: x_min, y_min, x_max, y_max in map within which they stand; none: the arena's floor.
+    margin_m: what is left free between the footprint at start or goal and any obstacle.
+    block_line: at least one obstacle stands on the straight line from start to goal.
+    """
+
+    count: Annotated[int, Field(ge=0, le=500)] = 12
+    size_min_m: Positive = 0.10
+    size_max_m: Positive = 0.25
+    region_m: tuple[float, float, float, float] | None = None
+    margin_m: NonNegative = 0.10
+    block_line: bool = True
+
+
+@dataclass(frozen=True, slots=True, config=_STRICT)
+class Scenario:
+    """One run, wholly described: the same scenario gives the same run.
+
+    start: (3,) x, y, yaw of base_link in map, m, m, rad. goal: (2,) m. config: all settings.
+    """
+
+    name: str
+    arena: str
+    start: tuple[float, float, float]
+    goal: tuple[float, float]
+    title: str = ""
+    description: str = ""
+    seed: Count = 0
+    time_limit_s: Positive = 60.0
+    goal_tolerance_m: Positive = 0.10
+    obstacles: tuple[Obstacle, ...] = ()
+    clutter: Clutter | None = None
+    config: Config = Field(default_factory=Config)
+
+
+def available() -> dict[str, Path]:
+    """The scenarios that come with the package: name -> file."""
+    return {path.stem: path for path in sorted(paths.scenarios_dir().glob("*.toml"))}
+
+
+def load(
+    name_or_path: str | Path,
+    overrides: Sequence[str] = (),
+    *,
+    seed: int | None = None,
+    planner: str | None = None,
+) -> Scenario:
+    """Read, override and validate a scenario.
+
+    overrides: ``key=value`` strings, dotted keys, values as in TOML (a bare word is a string).
+    Raises InputError, one line, for whatever is wrong with any of them.
+    """
+    file = resolve(name_or_path)
+    table = read_toml(file)
+    table.setdefault("name", file.stem)
+    for text in overrides:
+        apply_override(table, text)
+    if seed is not None:
+        table["seed"] = seed
+    if planner is not None:
+        apply_override(table, f"planner.name={json.dumps(planner)}")
+    scenario = from_table(table, source=str(name_or_path))
+    _check_names(scenario, source=str(name_or_path))
+    return scenario
+
+
+def resolve(name_or_path: str | Path) -> Path:
+    """The file of a scenario given by name or by path."""
+    text, known = str(name_or_path), available()
+    if text in known:
+        return known[text]
+    path = Path(text)
+    if path.is_file():
+        return path
+    if path.suffix or len(path.parts) > 1:
+        what = "is a directory, not a scenario file" if path.is_dir() else "no such file"
+        raise InputError(f"{text}: {what}; the scenarios that come along: {', '.join(known)}")
+    raise InputError(f"unknown scenario '{text}'{did_you_mean(text, known)}")
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The tables of a TOML file; the versions that a saved run carries are left out."""
+    try:
+        table = tomllib.loads(path.read_bytes().decode("utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not a text file (byte {error.start} is not UTF-8)") from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: not valid TOML: {error}") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: not usable TOML: {error}") from None
+    table.pop("versions", None)
+    return table
+
+
+def apply_override(table: dict[str, Any], text: str) -> None:
+    """Set one key of the tables in place from ``a.b=value``; lists are reached by index."""
+    key, equals, value = text.partition("=")
+    text = _clip(text)
+    parts = [part.strip() for part in key.split(".")]
+    if not equals or not all(parts):
+        raise InputError(f"--set {text}: write it as key=value, e.g. --set goal=[3.0,2.5]")
+    node: Any = table
+    for depth, part in enumerate(parts[:-1]):
+        node = _descend(node, part, f"--set {text}: {'.'.join(parts[: depth + 1])}")
+    _assign(node, parts[-1], parse_value(value, text), f"--set {text}: {key.strip()}")
+
+
+def parse_value(value: str, text: str) -> Any:
+    """A TOML value; a bare word, which TOML does not know, is taken as a string."""
+    try:
+        parsed = tomllib.loads(f"value = {value}")
+    except (ValueError, RecursionError):
+        if _BARE_WORD.match(value.strip()):
+            return value.strip()
+        raise InputError(
+            f'--set {text}: not a TOML value on the right (number, [list], "text", true)'
+        ) from None
+    if set(parsed) != {"value"}:
+        raise InputError(f"--set {text}: one value at a time")
+    return parsed["value"]
+
+
+def from_table(table: Mapping[str, Any], *, source: str) -> Scenario:
+    """Validate the tables of a scenario file. source: what an error calls them."""
+    sections = {field.name for field in fields(Config)}
+    own = {field.name for field in fields(Scenario)} - {"config"}
+    for key in table:
+        if key not in sections | own:
+            hint = did_you_mean(key, sections | own)
+            raise InputError(f"{source}: unknown key '{key}'{hint}")
+    data = {key: value for key, value in table.items() if key in own}
+    data["config"] = {key: value for key, value in table.items() if key in sections}
+    try:
+        # JSON, because strictness about types then still lets a list be a tuple.
+        return _adapter().validate_json(json.dumps(data, default=str), strict=True)
+    except ValidationError as error:
+        raise InputError(f"{source}: {_first_line(error)}") from None
+
+
+def to_table(scenario: Scenario) -> dict[str, Any]:
+    """The inverse of ``from_table``: every key with its effective value."""
+    table = asdict(scenario)
+    sections = table.pop("config")
+    return {key: value for key, value in table.items() if value is not None} | sections
+
+
+def to_toml(scenario: Scenario, versions: Mapping[str, str] | None = None) -> str:
+    """The effective scenario as TOML that ``load`` reads back to an equal one."""
+    table = to_table(scenario)
+    if versions:
+        table["versions"] = dict(versions)
+    plain = {key: value for key, value in table.items() if not _is_table(value)}
+    lines = [f"{key} = {_toml_value(value)}" for key, value in plain.items()]
+    for key, value in table.items():
+        if not _is_table(value):
+            continue
+        header, bodies = (
+            (f"[[{key}]]", value) if isinstance(value, tuple) else (f"[{key}]", [value])
+        )
+        for body in bodies:
+            pairs = [(name, item) for name, item in body.items() if item is not None]
+            lines += ["", header, *(f"{name} = {_toml_value(item)}" for name, item in pairs)]
+    return "\n".join(lines) + "\n"
+
+
+@cache
+def _adapter() -> TypeAdapter[Scenario]:
+    return TypeAdapter(Scenario)
+
+
+def _check_names(scenario: Scenario, *, source: str) -> None:
+    """Refuse an arena or a planner that does not exist, with the choices."""
+    from simloop import planners
+
+    name, arena = scenario.config.planner.name, scenario.arena
+    if name not in planners.available():
+        hint = did_you_mean(name, planners.available())
+        raise InputError(f"{source}: planner.name: unknown planner '{name}'{hint}")
+    if arena not in arenas():
+        raise InputError(f"{source}: arena: unknown arena '{arena}'{did_you_mean(arena, arenas())}")
+
+
+def arenas() -> dict[str, Path]:
+    """The arenas that come with the package: name -> MJCF file."""
+    return {path.stem: path for path in sorted((paths.models_dir() / "arenas").glob("*.xml"))}
+
+
+def _descend(node: Any, part: str, where: str) -> Any:
+    if isinstance(node, dict):
+        return node.setdefault(part, {})
+    if isinstance(node, list):
+        return node[_index(node, part, where)]
+    raise InputError(f"{where} is a value, not a table")
+
+
+def _assign(node: Any, part: str, value: Any, where: str) -> None:
+    if isinstance(node, dict):
+        node[part] = value
+    elif isinstance(node, list):
+        node[_index(node, part, where)] = value
+    else:
+        raise InputError(f"{where.rpartition('.')[0]} is a value, not a table")
+
+
+def _index(node: list[Any], part: str, where: str) -> int:
+    if not part.isdecimal() or int(part) >= len(node):
+        raise InputError(f"{where}: index must be 0 to {len(node) - 1}")
+    return int(part)
+
+
+def _first_line(error: ValidationError) -> str:
+    """The first of the errors as one line, with a count of the others."""
+    details = error.errors(include_url=False)
+    line = _describe(details[0])
+    return line if len(details) == 1 else f"{line} (and {len(details) - 1} more)"
+
+
+def _describe(detail: ErrorDetails) -> str:
+    location = [part for part in detail["loc"] if part != "config"]
+    key, kind, given = ".".join(map(str, location)), detail["type"], detail["input"]
+    if kind in ("unexpected_keyword_argument", "extra_forbidden"):
+        choices = _keys_at(location[:-1])
+        return f"{key}: unknown key{did_you_mean(str(location[-1]), choices)}"
+    if kind in ("missing", "missing_argument"):
+        if isinstance(location[-1], int):
+            return f"{key.rpartition('.')[0]}: too few values, {location[-1]} given"
+        return f"{key}: this key is required"
+    if kind == "keys_clash":
+        return detail["msg"]
+    if kind == "finite_number":
+        return f"{key}: must be a finite number, not {_short(given)}"
+    text = detail["msg"].replace("Input should be", "must be").replace("valid array", "list")
+    text = text[0].lower() + text[1:]
+    return f"{key}: {text}" if kind == "size" else f"{key}: {text}, not {_short(given)}"
+
+
+def _keys_at(location: Sequence[int | str]) -> list[str]:
+    """The keys that a table at this place may have."""
+    holder: Any = Scenario
+    for part in location:
+        hints = {**typing.get_type_hints(Scenario), **typing.get_type_hints(Config)}
+        holder = _dataclass_in(hints.get(str(part))) if not isinstance(part, int) else holder
+    return [field.name for field in fields(holder)] if is_dataclass(holder) else []
+
+
+def _dataclass_in(hint: Any) -> Any:
+    """The dataclass inside ``Optional`` or ``tuple[..., ...]``, or the hint itself."""
+    if isinstance(hint, UnionType) or typing.get_origin(hint) is tuple:
+        return next((arg for arg in typing.get_args(hint) if is_dataclass(arg)), None)
+    return hint
+
+
+def _short(value: Any) -> str:
+    return _clip(str(value) if isinstance(value, float) else json.dumps(value, default=str))
+
+
+def _clip(text: str, length: int = 60) -> str:
+    return text if len(text) <= length else text[: length - 3] + "..."
+
+
+def _is_table(value: Any) -> bool:
+    if isinstance(value, tuple):
+        return bool(value) and all(isinstance(item, dict) for item in value)
+    return isinstance(value, dict)
+
+
+def _toml_value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        # JSON's escapes are TOML's too, but for DEL, which JSON leaves as it is.
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, int | float):
+        return repr(value)
+    return f"[{', '.join(map(_toml_value, value))}]"
