@@ -1,0 +1,180 @@
+"""The plant: MuJoCo's rigid bodies, the tracks' forces on them, and rays cast among them.
+
+The only room of the loop where the truth lives. It advances by one control period at a
+time, takes motor voltages, and gives truth and ranges to the sensors.
+"""
+
+from __future__ import annotations
+
+import hashlib
+
+import mujoco
+import numpy as np
+
+from simloop.config import Config
+from simloop.messages import FloatArray, Truth
+from simloop.tracks import (
+    GROUND,
+    HULL,
+    OBSTACLE,
+    WHEEL,
+    WHEELS_A_SIDE,
+    BodyArrays,
+    TrackState,
+    apply_tracks,
+    track_parameters,
+)
+
+_GRAVITY = np.array([0.0, 0.0, 9.81])
+
+
+def geom_kinds(model: mujoco.MjModel) -> np.ndarray:
+    """(ngeom,) what each geom is to the tracks: ground, obstacle, hull or road wheel i.
+
+    Ground is ``floor`` and whatever is named ``ground_*``; the vehicle is the tree under base_link.
+    """
+    root = model.body("base_link").id
+    kinds = np.full(model.ngeom, OBSTACLE, np.int64)
+    for geom in range(model.ngeom):
+        name = model.geom(geom).name
+        if model.body_rootid[model.geom_bodyid[geom]] == root:
+            kinds[geom] = HULL
+        elif name == "floor" or name.startswith("ground_"):
+            kinds[geom] = GROUND
+    for side, label in enumerate(("left", "right")):
+        for i in range(WHEELS_A_SIDE):
+            kinds[model.geom(f"road_{label}_{i}").id] = WHEEL + side * WHEELS_A_SIDE + i
+    return kinds
+
+
+class Plant:
+    """A vehicle in its arena, stepped with a fixed period.
+
+    model: an arena with the vehicle attached (see ``arena.build``).
+    """
+
+    def __init__(self, model: mujoco.MjModel, config: Config) -> None:
+        self.model = model
+        self.model.opt.timestep = config.rates.physics_s
+        self.data = mujoco.MjData(model)
+        self.substeps = round(config.rates.control_s / config.rates.physics_s)
+        self._dt_ns = round(config.rates.physics_s * 1e9)
+        self._parameters = track_parameters(
+            config.tracks, config.motor, config.vehicle, config.rates.physics_s
+        )
+        self._kinds = geom_kinds(model)
+        joints = [model.joint(f"sprocket_{side}_joint") for side in ("left", "right")]
+        self._sprocket_dof = np.array([j.dofadr[0] for j in joints], np.int64)
+        self._sprocket_qpos = np.array([j.qposadr[0] for j in joints], np.int64)
+        self._base = model.body("base_link").id
+        self._laser = model.site("lidar").id
+        self._imu_from_base = model.site("imu").pos.copy()
+        self._state = TrackState.zeros()
+        self._voltage = np.zeros(2)
+        self._body = BodyArrays(
+            self.data.xpos[self._base],
+            self.data.xmat[self._base],
+            self.data.xipos[self._base],
+            self.data.qvel,
+            self.data.xfrc_applied[self._base],
+            self.data.qfrc_applied,
+            self.model.dof_frictionloss,
+        )
+        self._hit_geom = np.empty(0, np.int32)
+        self._hit_range = np.empty(0)
+        # Rays see the arena, not the vehicle's own visual (2) and collision (3) geoms.
+        self._ray_groups = np.array([1, 1, 0, 0, 0, 0], np.uint8)
+        self.t_ns = 0
+        self._contacts = 0
+        self._touching = False
+
+    @property
+    def tracks(self) -> TrackState:
+        """The tracks' inner state: brush displacements, wheel loads, currents, forces."""
+        return self._state
+
+    @property
+    def base_from_laser(self) -> FloatArray:
+        """(3,) x, y, yaw of the laser in base_link."""
+        site = self.model.site("lidar")
+        return np.array([site.pos[0], site.pos[1], 0.0])
+
+    def reset(self, pose: FloatArray, settle_s: float = 0.5) -> Truth:
+        """Put the vehicle at ``pose`` (3,) x, y, yaw, let it settle, and start the clock at 0."""
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[:3] = pose[0], pose[1], 0.001
+        self.data.qpos[3:7] = np.cos(pose[2] / 2), 0.0, 0.0, np.sin(pose[2] / 2)
+        for array in self._state:
+            array[...] = 0
+        self._voltage[:] = 0.0
+        mujoco.mj_forward(self.model, self.data)
+        for _ in range(round(settle_s / self.model.opt.timestep)):
+            self._step()
+        self._state.work[:] = 0.0
+        self.data.time = 0.0
+        self.t_ns, self._contacts, self._touching = 0, 0, False
+        return self.truth(self.data.qvel[:3].copy())
+
+    def step(self, voltage_v: FloatArray) -> Truth:
+        """Advance one control period under the motor voltages (2,) left, right."""
+        self._voltage[:] = voltage_v
+        before = self.data.qvel[:3].copy()
+        for _ in range(self.substeps):
+            self._step()
+        self.t_ns += self.substeps * self._dt_ns
+        return self.truth(before)
+
+    def _step(self) -> None:
+        contact = self.data.contact
+        apply_tracks(
+            contact.geom,
+            contact.pos,
+            contact.frame,
+            contact.efc_address,
+            self.data.efc_force,
+            self._kinds,
+            self._sprocket_dof,
+            self._voltage,
+            self._body,
+            self._state,
+            self._parameters,
+        )
+        mujoco.mj_step(self.model, self.data)
+        touching = bool(self._state.touching[0])
+        self._contacts += touching and not self._touching
+        self._touching = touching
+
+    def truth(self, velocity_before: FloatArray) -> Truth:
+        """The truth now. velocity_before: (3,) world velocity one control period ago.
+
+        The proper acceleration is the mean over that period, as an averaging sensor has it.
+        """
+        data, rotation = self.data, self.data.xmat[self._base].reshape(3, 3)
+        period = self.substeps * self.model.opt.timestep
+        acceleration = rotation.T @ ((data.qvel[:3] - velocity_before) / period + _GRAVITY)
+        w, x, y, z = data.qpos[3:7]
+        yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        body_velocity = np.concatenate((rotation.T @ data.qvel[:3], data.qvel[3:6]))
+        return Truth(
+            t_ns=self.t_ns,
+            pose_xyyaw=np.array([data.qpos[0], data.qpos[1], yaw]),
+            position_m=data.qpos[:3].copy(),
+            quaternion_wxyz=data.qpos[3:7].copy(),
+            velocity_body=body_velocity,
+            acceleration_mps2=acceleration,
+            sprocket_rad=data.qpos[self._sprocket_qpos],
+            sprocket_radps=data.qvel[self._sprocket_dof],
+            motor_current_a=self._state.current.copy(),
+            motor_voltage_v=self._voltage.copy(),
+            energy_j=float(self._state.work[0]),
+            contact_count=self._contacts,
+            in_contact=self._touching,
+        )
+
+    def state_hash(self) -> str:
+        """A digest of the whole physical state: equal only where every bit is."""
+        digest = hashlib.sha256()
+        for array in (self.data.qpos, self.data.qvel, self.data.act, *self._state):
+            digest.update(np.ascontiguousarray(array).tobytes())
+        digest.update(self.t_ns.to_bytes(8, "little"))
+        return digest.hexdigest()[:16]
