@@ -293,7 +293,12 @@ def _describe(detail: ErrorDetails) -> str:
         return detail["msg"]
     if kind == "finite_number":
         return f"{key}: must be a finite number, not {_short(given)}"
-    text = detail["msg"].replace("Input should be", "must be").replace("valid array", "list")
+    text = (
+        detail["msg"]
+        .replace("Input should be", "must be")
+        .replace("valid array", "list")
+        .replace("an object", "a table")
+    )
     text = text[0].lower() + text[1:]
     return f"{key}: {text}" if kind == "size" else f"{key}: {text}, not {_short(given)}"
 
