@@ -1,0 +1,266 @@
+"""The shortest safe path in the true floor plan: the yardstick of a run, made after it.
+
+Exact but for rounding: each convex outline, swollen by the robot's radius, is bounded by arcs about
+its vertices and by edges that are tangents of two such arcs. A shortest path among them is
+made of common tangents and arcs only (the tangent graph), so Dijkstra's algorithm finds it.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections import defaultdict
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simloop.floor_plan import FloorPlan
+from simloop.messages import FloatArray
+
+_SLACK_M = 1e-6
+"""A tangent touches what it is tangent to; closer than this to the radius is as good as on it."""
+_ARC_STEP_RAD = math.radians(2.0)
+_BATCH = 4096
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShortestPath:
+    """length_m of the path, exact; xy_m (N, 2) its points, arcs sampled every two degrees."""
+
+    length_m: float
+    xy_m: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Circles:
+    """Arcs to wrap round: centre_m (N, 2), radius_m (N,), and the directions (N, 2) to the
+    neighbouring vertices of the outline, which bound the arc's normals (zero where there is none).
+    """
+
+    centre_m: FloatArray
+    radius_m: FloatArray
+    to_next: FloatArray
+    to_previous: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Tangents:
+    """Directed common tangents: from circle ``tail`` (T,) left with sense ``tail_sense`` (+1
+    counter-clockwise) at ``start_m`` (T, 2), to circle ``head``, reached at ``end_m``."""
+
+    tail: NDArray[np.int64]
+    head: NDArray[np.int64]
+    tail_sense: NDArray[np.int64]
+    head_sense: NDArray[np.int64]
+    start_m: FloatArray
+    end_m: FloatArray
+
+
+def shortest_path(
+    plan: FloorPlan, start_m: FloatArray, goal_m: FloatArray, radius_m: float
+) -> ShortestPath | None:
+    """The shortest path of a disc's centre from start (2,) to goal (2,), both in map.
+
+    The disc of ``radius_m`` touches nothing along it. None where there is no such path, or where
+    start or goal is itself nearer to an obstacle than the radius.
+    """
+    ends = np.array([start_m[:2], goal_m[:2]], dtype=np.float64)
+    if np.any(plan.clearance_m(ends) < radius_m - _SLACK_M):
+        return None
+    if np.array_equal(ends[0], ends[1]):
+        return ShortestPath(0.0, ends)
+    circles = _circles(plan, ends, radius_m)
+    return _search(plan, circles, _free_tangents(plan, circles, radius_m), radius_m)
+
+
+def _circles(plan: FloorPlan, ends: FloatArray, radius_m: float) -> _Circles:
+    """Start is circle 0, goal circle 1, both of radius 0; then one circle a vertex."""
+    centres, radii = [ends], [np.zeros(2)]
+    following, preceding = [np.zeros((2, 2))], [np.zeros((2, 2))]
+    for section in plan.sections:
+        vertices = section.vertices_m
+        centres.append(vertices)
+        radii.append(np.full(len(vertices), section.radius_m + radius_m))
+        following.append(np.roll(vertices, -1, axis=0) - vertices)
+        preceding.append(np.roll(vertices, 1, axis=0) - vertices)
+    return _Circles(
+        np.concatenate(centres),
+        np.concatenate(radii),
+        np.concatenate(following),
+        np.concatenate(preceding),
+    )
+
+
+def _free_tangents(plan: FloorPlan, circles: _Circles, radius_m: float) -> _Tangents:
+    """All common tangents of two circles along which the disc touches nothing."""
+    tail, head = np.nonzero(~np.eye(len(circles.radius_m), dtype=bool))
+    into_or_out = (head != 0) & (tail != 1)
+    tail, head = tail[into_or_out], head[into_or_out]
+    found = [
+        _tangents(circles, tail, head, tail_sense, head_sense)
+        for tail_sense in (1, -1)
+        for head_sense in (1, -1)
+    ]
+    joined = [np.concatenate(columns) for columns in zip(*found, strict=True)]
+    tail, head, tail_sense, head_sense, start_m, end_m = joined
+    near = radius_m - _SLACK_M
+    free = (plan.clearance_m(start_m) >= near) & (plan.clearance_m(end_m) >= near)
+    index = np.flatnonzero(free)
+    edges_m, swell_m = outline_edges(plan)
+    for batch in np.array_split(index, max(1, math.ceil(len(index) / _BATCH))):
+        distance = segment_distances(start_m[batch], end_m[batch], edges_m[:, 0], edges_m[:, 1])
+        free[batch] = np.all(distance - swell_m >= near, axis=1)
+    return _Tangents(
+        tail[free], head[free], tail_sense[free], head_sense[free], start_m[free], end_m[free]
+    )
+
+
+def _tangents(
+    circles: _Circles,
+    tail: NDArray[np.int64],
+    head: NDArray[np.int64],
+    tail_sense: int,
+    head_sense: int,
+) -> tuple[NDArray[np.int64], ...]:
+    """The tangents of one pair of senses that touch each outline at a true corner of it.
+
+    Going along u, a circle gone round with sense s is touched at c + s r n, n the normal
+    to the right of u. Both ends on one line: |c2 - c1| sin(angle of u off c2 - c1) = s1 r1 - s2 r2.
+    """
+    # A point has no sense: start and goal are taken with the one of +1 only.
+    keep = ((tail != 0) | (tail_sense > 0)) & ((head != 1) | (head_sense > 0))
+    tail, head = tail[keep], head[keep]
+    apart = circles.centre_m[head] - circles.centre_m[tail]
+    distance = np.hypot(apart[:, 0], apart[:, 1])
+    offset = tail_sense * circles.radius_m[tail] - head_sense * circles.radius_m[head]
+    keep = distance > np.abs(offset) + 1e-12
+    tail, head, apart = tail[keep], head[keep], apart[keep]
+    heading = np.arctan2(apart[:, 1], apart[:, 0]) + np.arcsin(offset[keep] / distance[keep])
+    right = np.stack([np.sin(heading), -np.cos(heading)], axis=1)
+    ends = []
+    keep = np.ones(len(tail), dtype=bool)
+    for circle, sense in ((tail, tail_sense), (head, head_sense)):
+        normal = sense * right
+        for side in (circles.to_next[circle], circles.to_previous[circle]):
+            keep &= np.sum(normal * side, axis=1) <= 1e-9
+        ends.append(circles.centre_m[circle] + circles.radius_m[circle, None] * normal)
+    senses = (np.full(len(tail), tail_sense)[keep], np.full(len(tail), head_sense)[keep])
+    return tail[keep], head[keep], *senses, ends[0][keep], ends[1][keep]
+
+
+def _search(
+    plan: FloorPlan, circles: _Circles, tangents: _Tangents, radius_m: float
+) -> ShortestPath | None:
+    """Dijkstra over the tangents' ends: along tangents, and along arcs to the next end."""
+    count = len(tangents.tail)
+    if not count:
+        return None
+    # Node 2 t is the start of tangent t, node 2 t + 1 its end.
+    links: dict[int, list[tuple[int, float, FloatArray]]] = defaultdict(list)
+    lengths = np.hypot(*(tangents.end_m - tangents.start_m).T)
+    for t in range(count):
+        links[2 * t].append((2 * t + 1, float(lengths[t]), tangents.end_m[t : t + 1]))
+    for node, after, length, points in _arcs(plan, circles, tangents, radius_m):
+        links[node].append((after, length, points))
+    sources = [2 * int(t) for t in np.flatnonzero(tangents.tail == 0)]
+    targets = {2 * int(t) + 1 for t in np.flatnonzero(tangents.head == 1)}
+    return _dijkstra(links, sources, targets, circles.centre_m[0])
+
+
+def _dijkstra(
+    links: dict[int, list[tuple[int, float, FloatArray]]],
+    sources: list[int],
+    targets: set[int],
+    start_m: FloatArray,
+) -> ShortestPath | None:
+    best = dict.fromkeys(sources, 0.0)
+    came: dict[int, tuple[int, FloatArray]] = {}
+    queue = [(0.0, node) for node in sources]
+    heapq.heapify(queue)
+    while queue:
+        cost, node = heapq.heappop(queue)
+        if cost > best[node]:
+            continue
+        if node in targets:
+            points = []
+            while node in came:
+                node, leg = came[node]
+                points.append(leg)
+            return ShortestPath(cost, np.concatenate([start_m[None], *reversed(points)]))
+        for after, length, leg in links[node]:
+            if cost + length < best.get(after, math.inf):
+                best[after] = cost + length
+                came[after] = (node, leg)
+                heapq.heappush(queue, (cost + length, after))
+    return None
+
+
+def _arcs(
+    plan: FloorPlan, circles: _Circles, tangents: _Tangents, radius_m: float
+) -> list[tuple[int, int, float, FloatArray]]:
+    """(node, next node, length, points) of every free arc between neighbouring tangent ends.
+
+    Per circle and sense, the ends are put in order of angle and each is joined to its next.
+    """
+    ends: dict[tuple[int, int], list[tuple[float, int]]] = defaultdict(list)
+    for t in range(len(tangents.tail)):
+        for node, circle, sense, point in (
+            (2 * t, int(tangents.tail[t]), int(tangents.tail_sense[t]), tangents.start_m[t]),
+            (2 * t + 1, int(tangents.head[t]), int(tangents.head_sense[t]), tangents.end_m[t]),
+        ):
+            if circle > 1:
+                dx, dy = point - circles.centre_m[circle]
+                ends[circle, sense].append((sense * math.atan2(dy, dx), node))
+    arcs = []
+    for (circle, sense), around in ends.items():
+        around.sort()
+        radius, centre = float(circles.radius_m[circle]), circles.centre_m[circle]
+        for (angle, node), (to, after) in zip(around, around[1:] + around[:1], strict=True):
+            swept = (to - angle) % (2.0 * math.pi)
+            steps = max(2, math.ceil(swept / _ARC_STEP_RAD) + 1)
+            turned = sense * (angle + np.linspace(0.0, swept, steps))
+            points = centre + radius * np.stack([np.cos(turned), np.sin(turned)], axis=1)
+            if np.all(plan.clearance_m(points) >= radius_m - _SLACK_M):
+                arcs.append((node, after, radius * swept, points[1:]))
+                if swept == 0.0:  # the same point: its order among its equals means nothing
+                    arcs.append((after, node, 0.0, points[1:]))
+    return arcs
+
+
+def outline_edges(plan: FloorPlan) -> tuple[FloatArray, FloatArray]:
+    """Every edge of every section as (E, 2, 2) ends in map, and the swell (E,) of its section."""
+    ends, swell = [np.zeros((0, 2, 2))], [np.zeros(0)]
+    for section in plan.sections:
+        vertices = section.vertices_m
+        ends.append(np.stack([vertices, np.roll(vertices, -1, axis=0)], axis=1))
+        swell.append(np.full(len(vertices), section.radius_m))
+    return np.concatenate(ends), np.concatenate(swell)
+
+
+def segment_distances(
+    start_m: FloatArray, end_m: FloatArray, other_start_m: FloatArray, other_end_m: FloatArray
+) -> FloatArray:
+    """(N, M) distances of N segments to M others, each given by its ends; 0 where they cross."""
+    a, b = start_m[:, None], end_m[:, None]
+    c, d = other_start_m[None], other_end_m[None]
+    distance = np.minimum(
+        np.minimum(_point_to_segment(a, c, d), _point_to_segment(b, c, d)),
+        np.minimum(_point_to_segment(c, a, b), _point_to_segment(d, a, b)),
+    )
+    crossing = (_side(a, b, c) * _side(a, b, d) < 0.0) & (_side(c, d, a) * _side(c, d, b) < 0.0)
+    return np.where(crossing, 0.0, distance)
+
+
+def _side(a: FloatArray, b: FloatArray, point: FloatArray) -> FloatArray:
+    """Positive where the point lies to the left of a -> b."""
+    ab, ap = b - a, point - a
+    return ab[..., 0] * ap[..., 1] - ab[..., 1] * ap[..., 0]
+
+
+def _point_to_segment(point: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
+    ab, ap = b - a, point - a
+    length2 = np.sum(ab * ab, axis=-1)
+    share = np.sum(ap * ab, axis=-1) / np.where(length2 > 0.0, length2, 1.0)
+    off = ap - np.clip(share, 0.0, 1.0)[..., None] * ab
+    return np.hypot(off[..., 0], off[..., 1])
