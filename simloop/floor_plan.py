@@ -1,0 +1,121 @@
+"""The true floor plan of an arena: exact distances to what stands in the robot's height band.
+
+Ground truth, for metrics and for drawing solvable scenes; the robot's software never sees it.
+Every static thing is cut to the convex shape that it shows between two heights, and kept as a
+convex polygon swollen by a radius (a disc is one vertex and a radius, a box four and none).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from simloop.messages import FloatArray
+
+BAND_M = (0.02, 0.25)
+"""Heights between which something can touch the robot: above its tracks' grip, below its mast."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Section:
+    """A convex outline on the floor: vertices (V, 2) counter-clockwise, swollen by ``radius_m``."""
+
+    name: str
+    vertices_m: FloatArray
+    radius_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.vertices_m.setflags(write=False)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FloorPlan:
+    """Signed distances to the nearest obstacle or wall, negative inside one.
+
+    distance_m: (rows, cols) float32, [iy, ix], at the cells' centres, inf where there is nothing
+    at all; cell (0, 0) has its lower left corner at origin_m (2,). bounds_m: (4,) x_min, y_min,
+    x_max, y_max of the arena's free space. Outside an obstacle the distance is exact; inside
+    overlapping ones it is that of the deeper.
+    """
+
+    origin_m: FloatArray
+    resolution_m: float
+    distance_m: NDArray[np.float32]
+    bounds_m: FloatArray
+    sections: tuple[Section, ...] = field(repr=False)
+
+    def __post_init__(self) -> None:
+        for array in (self.origin_m, self.distance_m, self.bounds_m):
+            array.setflags(write=False)
+
+    def clearance_m(self, points_m: FloatArray) -> FloatArray:
+        """(N,) exact signed distances of points (N, 2): from the shapes, not from the raster."""
+        points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
+        return _distances(points, *_packed(self.sections))
+
+    def contains(self, point_m: Sequence[float] | FloatArray) -> bool:
+        """Whether a point lies within the arena's bounds."""
+        x, y = float(point_m[0]), float(point_m[1])
+        x_min, y_min, x_max, y_max = self.bounds_m
+        return bool(x_min <= x <= x_max and y_min <= y <= y_max)
+
+
+def rasterise(
+    sections: Sequence[Section], bounds_m: Sequence[float] | FloatArray, resolution_m: float = 0.02
+) -> FloorPlan:
+    """The floor plan of convex sections over bounds (4,). Raises ValueError for empty bounds."""
+    bounds = np.array(bounds_m, dtype=np.float64)
+    span = bounds[2:] - bounds[:2]
+    if bounds.shape != (4,) or not np.all(span > 0.0):
+        raise ValueError(
+            f"bounds must be x_min, y_min, x_max, y_max with a positive area: {bounds}"
+        )
+    columns, rows = np.maximum(1, np.ceil(span / resolution_m - 1e-9).astype(int))
+    x = bounds[0] + (np.arange(columns) + 0.5) * resolution_m
+    y = bounds[1] + (np.arange(rows) + 0.5) * resolution_m
+    centres = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    distance = _distances(centres, *_packed(sections)).reshape(rows, columns)
+    return FloorPlan(
+        bounds[:2].copy(), resolution_m, distance.astype(np.float32), bounds, tuple(sections)
+    )
+
+
+def _packed(
+    sections: Sequence[Section],
+) -> tuple[FloatArray, NDArray[np.int64], FloatArray]:
+    """All vertices in one array (sum V, 2), where each section starts (S + 1,), radii (S,)."""
+    outlines = [section.vertices_m for section in sections]
+    starts = np.cumsum([0, *(len(outline) for outline in outlines)], dtype=np.int64)
+    vertices = np.concatenate(outlines) if outlines else np.zeros((0, 2))
+    return vertices, starts, np.array([section.radius_m for section in sections], dtype=np.float64)
+
+
+@njit(cache=True)
+def _distances(
+    points: FloatArray, vertices: FloatArray, starts: NDArray[np.int64], radii: FloatArray
+) -> FloatArray:
+    """(N,) least signed distance of each point to any of the sections."""
+    out = np.full(len(points), np.inf)
+    for n in range(len(points)):
+        for s in range(len(radii)):
+            inside = starts[s + 1] - starts[s] > 2
+            nearest = np.inf
+            j = starts[s + 1] - 1
+            for i in range(starts[s], starts[s + 1]):
+                ax, ay = points[n, 0] - vertices[j, 0], points[n, 1] - vertices[j, 1]
+                bx, by = vertices[i, 0] - vertices[j, 0], vertices[i, 1] - vertices[j, 1]
+                # To the left of every edge of a counter-clockwise outline: inside.
+                inside = inside and bx * ay - by * ax >= 0.0
+                length2 = bx * bx + by * by
+                t = 0.0
+                if length2 > 0.0:
+                    t = min(1.0, max(0.0, (ax * bx + ay * by) / length2))
+                nearest = min(nearest, (ax - t * bx) ** 2 + (ay - t * by) ** 2)
+                j = i
+            distance = -np.sqrt(nearest) if inside else np.sqrt(nearest)
+            out[n] = min(out[n], distance - radii[s])
+    return out
