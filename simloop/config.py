@@ -175,6 +175,17 @@ class PlannerConfig:
 
 
 @dataclass(frozen=True, slots=True, config=_STRICT)
+class SmootherConfig:
+    """Bezier corners; the lead-in takes the path from the robot's heading to the plan's."""
+
+    spacing_m: Positive = 0.02
+    max_cut_m: Positive = 0.6
+    min_cut_m: Positive = 0.01
+    lead_in_m: Positive = 0.25
+    lead_in_max_turn_rad: NonNegative = 1.0
+
+
+@dataclass(frozen=True, slots=True, config=_STRICT)
 class TrackerConfig:
     """Velocity control along the path."""
 
@@ -201,4 +212,5 @@ class Config:
     ekf: EkfConfig = Field(default_factory=EkfConfig)
     slam: SlamConfig = Field(default_factory=SlamConfig)
     planner: PlannerConfig = Field(default_factory=PlannerConfig)
+    smoother: SmootherConfig = Field(default_factory=SmootherConfig)
     tracker: TrackerConfig = Field(default_factory=TrackerConfig)

@@ -67,8 +67,6 @@ class Plant:
         self._sprocket_dof = np.array([j.dofadr[0] for j in joints], np.int64)
         self._sprocket_qpos = np.array([j.qposadr[0] for j in joints], np.int64)
         self._base = model.body("base_link").id
-        self._laser = model.site("lidar").id
-        self._imu_from_base = model.site("imu").pos.copy()
         self._state = TrackState.zeros()
         self._voltage = np.zeros(2)
         self._body = BodyArrays(
@@ -80,8 +78,7 @@ class Plant:
             self.data.qfrc_applied,
             self.model.dof_frictionloss,
         )
-        self._hit_geom = np.empty(0, np.int32)
-        self._hit_range = np.empty(0)
+        self._hit_geom = np.empty(1, np.int32)
         # Rays see the arena, not the vehicle's own visual (2) and collision (3) geoms.
         self._ray_groups = np.array([1, 1, 0, 0, 0, 0], np.uint8)
         self.t_ns = 0
@@ -95,9 +92,24 @@ class Plant:
 
     @property
     def base_from_laser(self) -> FloatArray:
-        """(3,) x, y, yaw of the laser in base_link."""
-        site = self.model.site("lidar")
-        return np.array([site.pos[0], site.pos[1], 0.0])
+        """(3,) position of the laser in base_link, m; its axes are base_link's."""
+        return self.model.site("lidar").pos.copy()
+
+    def cast(self, origins_m: FloatArray, directions: FloatArray, cutoff_m: float) -> FloatArray:
+        """Distances (n,) from ``origins_m`` (n, 3) along unit ``directions`` (n, 3).
+
+        -1 where nothing is met within ``cutoff_m``. Rays see the arena and not the vehicle.
+        """
+        model, data, groups, base = self.model, self.data, self._ray_groups, self._base
+        ray, geom = mujoco.mj_ray, self._hit_geom
+        found = np.array(
+            [
+                ray(model, data, origin, direction, groups, 1, base, geom)
+                for origin, direction in zip(origins_m, directions, strict=True)
+            ]
+        )
+        found[found > cutoff_m] = -1.0
+        return found
 
     def reset(self, pose: FloatArray, settle_s: float = 0.5) -> Truth:
         """Put the vehicle at ``pose`` (3,) x, y, yaw, let it settle, and start the clock at 0."""

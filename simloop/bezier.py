@@ -1,0 +1,216 @@
+"""The smoother: a polyline's corners become pairs of cubic Bezier spirals.
+
+Each corner is cut over a distance d along both its sides by two cubics that meet with equal
+tangent and curvature and join the straights with none (Yang & Sukkarieh 2010, IEEE T-RO 26(3),
+Eqs. 6-9), so that the path's curvature is continuous. The curve stays inside the corner's
+triangle and its sharpest curvature is c4 sin(b) / (d cos(b)^2), b half the turn: the larger d,
+the gentler. d starts as large as the sides allow and shrinks until the three-disc footprint
+keeps its clearance along the whole curve: clearance is never traded for smoothness.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from simloop.config import SmootherConfig, VehicleConfig
+from simloop.distance_field import Field, field_of, footprint_clearance
+from simloop.messages import FloatArray, Plan, SmoothPath, WorldView
+from simloop.se2 import wrap_angle
+
+_C2 = 0.4 * (math.sqrt(6.0) - 1.0)
+_C3 = (_C2 + 4.0) / (7.2364 + 6.0)
+C4 = (_C2 + 4.0) ** 2 / (54.0 * _C3)
+_STRAIGHT_RAD = 1e-3  # corners flatter than this are left alone
+_SHRINK = 0.75
+_LEAD_FRACTIONS = (1.0, 0.6, 0.3)
+
+
+@njit(cache=True)
+def corner_controls(a: FloatArray, corner: FloatArray, b: FloatArray, d: float) -> FloatArray:
+    """(8, 2) control points of the two cubics that cut ``corner`` between a and b, all (2,).
+
+    Rows 0-3 lead in, rows 4-7 lead out, in the direction of travel.
+    """
+    back, ahead = a - corner, b - corner
+    back /= math.hypot(back[0], back[1])
+    ahead /= math.hypot(ahead[0], ahead[1])
+    half = 0.5 * (math.pi - math.acos(min(1.0, max(-1.0, back[0] * ahead[0] + back[1] * ahead[1]))))
+    h, k = _C3 * d, 6.0 * _C3 * math.cos(half) / (_C2 + 4.0) * d
+    g = _C2 * h
+    out = np.empty((8, 2))
+    for i in range(2):
+        out[0, i] = corner[i] + d * back[i]
+        out[1, i] = out[0, i] - g * back[i]
+        out[2, i] = out[1, i] - h * back[i]
+        out[7, i] = corner[i] + d * ahead[i]
+        out[6, i] = out[7, i] - g * ahead[i]
+        out[5, i] = out[6, i] - h * ahead[i]
+    across = out[5] - out[2]
+    across /= max(1e-12, math.hypot(across[0], across[1]))
+    for i in range(2):
+        out[3, i] = out[2, i] + k * across[i]
+        out[4, i] = out[5, i] - k * across[i]
+    return out
+
+
+@njit(cache=True)
+def cubic_sample(p: FloatArray, t: float, out: FloatArray) -> None:
+    """Write x, y, yaw, curvature (4,) of the cubic with control points p (4, 2) at t in [0, 1]."""
+    s = 1.0 - t
+    first, second = np.empty(2), np.empty(2)
+    for i in range(2):
+        out[i] = (
+            s * s * s * p[0, i]
+            + 3.0 * s * s * t * p[1, i]
+            + 3.0 * s * t * t * p[2, i]
+            + t * t * t * p[3, i]
+        )
+        e0, e1, e2 = p[1, i] - p[0, i], p[2, i] - p[1, i], p[3, i] - p[2, i]
+        first[i] = 3.0 * (s * s * e0 + 2.0 * s * t * e1 + t * t * e2)
+        second[i] = 6.0 * (s * (e1 - e0) + t * (e2 - e1))
+    speed = math.hypot(first[0], first[1])
+    out[2] = math.atan2(first[1], first[0])
+    out[3] = (first[0] * second[1] - first[1] * second[0]) / max(1e-12, speed**3)
+
+
+@njit(cache=True)
+def _corner_clearance(controls: FloatArray, field: Field, offsets: FloatArray) -> float:
+    least, sample, n = 1e3, np.empty(4), 16
+    for half in range(2):
+        for step in range(n + 1):
+            cubic_sample(controls[4 * half : 4 * half + 4], step / n, sample)
+            here = footprint_clearance(field, sample[0], sample[1], sample[2], offsets)
+            least = min(least, here)
+    return least
+
+
+@njit(cache=True)
+def fit_corners(
+    points: FloatArray, field: Field, offsets: FloatArray, safe: float, most: float, least: float
+) -> FloatArray:
+    """(n,) how far each corner of a polyline (n, 2) is cut, m; 0 where it is all but straight.
+
+    safe: clearance to keep, m; where even the tightest cut (``least``, m) cannot, it stays: there
+    the robot all but turns on the spot, along the polyline that the planner answers for.
+    """
+    n = points.shape[0]
+    cuts = np.zeros(n)
+    for i in range(1, n - 1):
+        before = math.hypot(points[i, 0] - points[i - 1, 0], points[i, 1] - points[i - 1, 1])
+        after = math.hypot(points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1])
+        room = before - cuts[i - 1]
+        room = min(room, after if i == n - 2 else 0.5 * after)
+        turn = math.atan2(points[i + 1, 1] - points[i, 1], points[i + 1, 0] - points[i, 0])
+        turn -= math.atan2(points[i, 1] - points[i - 1, 1], points[i, 0] - points[i - 1, 0])
+        if abs(wrap_angle(turn)) < _STRAIGHT_RAD:
+            continue
+        cut = min(most, room)
+        while cut > least:
+            controls = corner_controls(points[i - 1], points[i], points[i + 1], cut)
+            if _corner_clearance(controls, field, offsets) >= safe:
+                break
+            cut *= _SHRINK
+        cuts[i] = min(room, max(cut, least))
+    return cuts
+
+
+@njit(cache=True)
+def sample_path(points: FloatArray, cuts: FloatArray, spacing: float) -> FloatArray:
+    """(k, 4) x, y, yaw, curvature along the polyline ``points`` (n, 2) with its corners cut."""
+    rows = [np.empty(4) for _ in range(0)]
+    at = points[0].copy()
+    n = points.shape[0]
+    for i in range(1, n):
+        step = points[i] - points[i - 1]
+        size = math.hypot(step[0], step[1])
+        if size < 1e-9:
+            continue
+        heading = math.atan2(step[1], step[0])
+        end = points[i] - step * (cuts[i] / size)
+        count = math.ceil(math.hypot(end[0] - at[0], end[1] - at[1]) / spacing)
+        for s in range(count):
+            f = s / count
+            here = at + f * (end - at)
+            rows.append(np.array([here[0], here[1], heading, 0.0]))
+        at = end
+        if cuts[i] > 0.0:
+            controls = corner_controls(points[i - 1], points[i], points[i + 1], cuts[i])
+            count = max(4, math.ceil(cuts[i] / spacing))
+            for half in range(2):
+                for s in range(count):
+                    sample = np.empty(4)
+                    cubic_sample(controls[4 * half : 4 * half + 4], s / count, sample)
+                    rows.append(sample)
+            at = controls[7].copy()
+        if i == n - 1:
+            rows.append(np.array([at[0], at[1], heading, 0.0]))
+    out = np.empty((len(rows), 4))
+    for r in range(len(rows)):
+        out[r] = rows[r]
+    return out
+
+
+@njit(cache=True)
+def path_clearance(samples: FloatArray, field: Field, offsets: FloatArray) -> FloatArray:
+    """(k,) footprint clearance, m, at each sample (k, 4)."""
+    out = np.empty(samples.shape[0])
+    for i in range(samples.shape[0]):
+        out[i] = footprint_clearance(field, samples[i, 0], samples[i, 1], samples[i, 2], offsets)
+    return out
+
+
+class Smoother:
+    """Turns plans into paths that the tracker can follow."""
+
+    def __init__(
+        self, config: SmootherConfig, vehicle: VehicleConfig, safe_distance_m: float
+    ) -> None:
+        self._config, self._safe = config, safe_distance_m
+        self._offsets = np.array(vehicle.footprint_offsets_m)
+
+    def smooth(self, plan: Plan, view: WorldView, pose: FloatArray) -> SmoothPath:
+        """The path along ``plan`` from ``pose`` (3,) in map.
+
+        It starts along the robot's heading where that is near enough to the plan's and the
+        clearance allows; else along the plan, and the robot turns on the spot first.
+        """
+        field, straight = field_of(view), self._path(plan.waypoints_m, field_of(view))
+        turn = wrap_angle(straight[0, 2] - pose[2])
+        if abs(turn) < _STRAIGHT_RAD or abs(turn) > self._config.lead_in_max_turn_rad:
+            return self._message(plan, straight, field)
+        enough = min(self._safe, float(path_clearance(straight, field, self._offsets).min()))
+        for fraction in _LEAD_FRACTIONS:
+            led = self._path(self._with_lead_in(plan.waypoints_m, pose, fraction), field)
+            if path_clearance(led, field, self._offsets).min() >= enough:
+                return self._message(plan, led, field)
+        return self._message(plan, straight, field)
+
+    def _with_lead_in(self, points: FloatArray, pose: FloatArray, fraction: float) -> FloatArray:
+        first = math.dist(points[0], points[1])
+        lead = fraction * min(self._config.lead_in_m, 0.5 * first)
+        ahead = points[0] + lead * np.array([math.cos(pose[2]), math.sin(pose[2])])
+        return np.vstack((points[:1], ahead, points[1:]))
+
+    def _path(self, points: FloatArray, field: Field) -> FloatArray:
+        config = self._config
+        points = np.ascontiguousarray(points)
+        cuts = fit_corners(
+            points, field, self._offsets, self._safe, config.max_cut_m, config.min_cut_m
+        )
+        return sample_path(points, cuts, config.spacing_m)
+
+    def _message(self, plan: Plan, samples: FloatArray, field: Field) -> SmoothPath:
+        clearance = path_clearance(samples, field, self._offsets)
+        steps = np.hypot(np.diff(samples[:, 0]), np.diff(samples[:, 1]))
+        return SmoothPath(
+            t_ns=plan.t_ns,
+            xy_m=samples[:, :2].copy(),
+            yaw_rad=np.unwrap(samples[:, 2]),
+            curvature_1pm=samples[:, 3].copy(),
+            arc_m=np.concatenate(([0.0], np.cumsum(steps))),
+            clearance_m=clearance,
+            safe=bool(clearance.min() >= self._safe - 1e-3),
+        )

@@ -1,0 +1,169 @@
+"""The simulated sensors: truth in, what the real parts would say out.
+
+Encoders of 980 counts a turn, an MPU-9250-like IMU, a LiDAR that turns while the robot
+moves. Each owns its random generator; none keeps more of the truth than its own state.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+import numpy as np
+from numba import njit
+
+from simloop.config import EncoderConfig, ImuConfig, LidarConfig
+from simloop.messages import EncoderReading, FloatArray, ImuReading, LidarScan, Truth
+
+_TURN = 2.0 * math.pi
+
+
+class Encoders:
+    """Cumulative counts of both sprockets, quantised."""
+
+    def __init__(self, config: EncoderConfig) -> None:
+        self._counts_per_rad = config.counts_per_turn / _TURN
+
+    def read(self, truth: Truth) -> EncoderReading:
+        """The counts at ``truth``'s instant."""
+        left, right = (math.floor(angle * self._counts_per_rad) for angle in truth.sprocket_rad)
+        return EncoderReading(truth.t_ns, left, right)
+
+
+class Imu:
+    """Gyro and accelerometer: white noise, a bias from switching on, and the bias's walk."""
+
+    def __init__(self, config: ImuConfig, period_s: float, rng: np.random.Generator) -> None:
+        self._rng = rng
+        white, walk = 1.0 / math.sqrt(period_s), math.sqrt(period_s)
+
+        def six(gyro: float, accel: float) -> FloatArray:
+            return np.repeat([gyro, accel], 3)
+
+        self._noise = white * six(config.gyro_noise_radps_rthz, config.accel_noise_mps2_rthz)
+        self._walk = walk * six(config.gyro_bias_walk_radps_rts, config.accel_bias_walk_mps2_rts)
+        bias = six(config.gyro_bias_radps, config.accel_bias_mps2)
+        self.bias = bias * rng.standard_normal(6)
+
+    def read(self, truth: Truth) -> ImuReading:
+        """Rates and proper acceleration at ``truth``'s instant, in the imu frame."""
+        draws = self._rng.standard_normal((2, 6))
+        self.bias += self._walk * draws[0]
+        error = self.bias + self._noise * draws[1]
+        return ImuReading(
+            truth.t_ns, truth.velocity_body[3:] + error[:3], truth.acceleration_mps2 + error[3:]
+        )
+
+
+class RayCaster(Protocol):
+    """What a LiDAR needs of the world."""
+
+    def cast(self, origins_m: FloatArray, directions: FloatArray, cutoff_m: float) -> FloatArray:
+        """Distances (n,) along unit ``directions`` (n, 3) from ``origins_m`` (n, 3); -1: nothing."""
+        ...
+
+
+class Lidar:
+    """A turning laser: each beam is cast from the pose the vehicle has at the beam's own instant.
+
+    base_from_laser: (3,) position of the laser in base_link, m (its axes are base_link's).
+    """
+
+    def __init__(
+        self,
+        config: LidarConfig,
+        period_s: float,
+        base_from_laser: FloatArray,
+        rng: np.random.Generator,
+    ) -> None:
+        self._config, self._rng = config, rng
+        self._mount = np.ascontiguousarray(base_from_laser)
+        self._period_ns = round(period_s * 1e9)
+        steps = np.arange(1, config.rays + 1)
+        self._angles = -math.pi + _TURN * steps / config.rays
+        self._due_ns = steps * self._period_ns // config.rays  # since the turn's start
+        self._age_ns = self._period_ns - self._due_ns
+        self._ranges = np.empty(config.rays)
+        self._origins = np.empty((config.rays, 3))
+        self._directions = np.empty((config.rays, 3))
+        self._next = 0
+
+    def sweep(self, before: Truth, now: Truth, world: RayCaster) -> LidarScan | None:
+        """Cast the beams that fell between two truths; the scan when its turn is full."""
+        start_ns = before.t_ns - before.t_ns % self._period_ns
+        first = self._next
+        last = int(np.searchsorted(self._due_ns, now.t_ns - start_ns, side="right"))
+        beams = slice(first, last)
+        span = now.t_ns - before.t_ns
+        beam_rays(
+            before.position_m,
+            before.quaternion_wxyz,
+            now.position_m,
+            now.quaternion_wxyz,
+            (self._due_ns[beams] - (before.t_ns - start_ns)) / span,
+            self._angles[beams],
+            self._mount,
+            self._origins[beams],
+            self._directions[beams],
+        )
+        self._ranges[beams] = world.cast(
+            self._origins[beams], self._directions[beams], self._config.range_max_m
+        )
+        self._next = last
+        if last < self._config.rays:
+            return None
+        self._next = 0
+        return LidarScan(
+            now.t_ns,
+            self._angles.copy(),
+            self._perceive(),
+            self._age_ns.copy(),
+            self._config.range_min_m,
+            self._config.range_max_m,
+        )
+
+    def _perceive(self) -> FloatArray:
+        """Noise and drop-outs on the true ranges; what is out of reach comes back as inf."""
+        config, rays = self._config, self._config.rays
+        ranges = self._ranges + config.noise_m * self._rng.standard_normal(rays)
+        lost = self._rng.random(rays) < config.dropout
+        out = (self._ranges < config.range_min_m) | (ranges > config.range_max_m)
+        ranges[lost | out] = np.inf
+        return ranges
+
+
+@njit(cache=True)
+def beam_rays(
+    position_0: FloatArray,
+    quaternion_0: FloatArray,
+    position_1: FloatArray,
+    quaternion_1: FloatArray,
+    fraction: FloatArray,
+    angle: FloatArray,
+    mount: FloatArray,
+    origins: FloatArray,
+    directions: FloatArray,
+) -> None:
+    """Origin and direction (n, 3) of beams in the world, cast while the body moves from pose 0 to 1.
+
+    fraction: (n,) of the way at each beam; position linear, attitude by normalised interpolation
+    (the two are one control period apart). angle: (n,) in the laser frame.
+    """
+    for i in range(angle.shape[0]):
+        f = fraction[i]
+        w = quaternion_0[0] + f * (quaternion_1[0] - quaternion_0[0])
+        x = quaternion_0[1] + f * (quaternion_1[1] - quaternion_0[1])
+        y = quaternion_0[2] + f * (quaternion_1[2] - quaternion_0[2])
+        z = quaternion_0[3] + f * (quaternion_1[3] - quaternion_0[3])
+        s = 2.0 / (w * w + x * x + y * y + z * z)
+        c, d = math.cos(angle[i]), math.sin(angle[i])
+        rows = (
+            (1.0 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)),
+            (s * (x * y + w * z), 1.0 - s * (x * x + z * z), s * (y * z - w * x)),
+            (s * (x * z - w * y), s * (y * z + w * x), 1.0 - s * (x * x + y * y)),
+        )
+        for k in range(3):
+            a, b, e = rows[k]
+            at = position_0[k] + f * (position_1[k] - position_0[k])
+            origins[i, k] = at + a * mount[0] + b * mount[1] + e * mount[2]
+            directions[i, k] = a * c + b * d
