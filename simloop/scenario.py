@@ -16,15 +16,16 @@ from dataclasses import asdict, fields, is_dataclass
 from functools import cache
 from pathlib import Path
 from types import UnionType
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, model_validator
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
-from pydantic_core import ErrorDetails, PydanticCustomError
+from pydantic_core import ErrorDetails
 
-from simloop import paths
-from simloop.config import Config, NonNegative, Positive
+from simloop.catalog import arena_files, planner_names, scenario_files
+from simloop.config import Config, Positive
 from simloop.errors import InputError, did_you_mean
+from simloop.obstacles import Obstacle
 
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 _BARE_WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_\-./]*\Z")
@@ -32,53 +33,18 @@ Count = Annotated[int, Field(ge=0, lt=2**63)]
 
 
 @dataclass(frozen=True, slots=True, config=_STRICT)
-class Obstacle:
-    """An upright obstacle that the scenario adds to the arena's own.
-
-    at: (2,) its centre in map, m. size_m: a cylinder's [radius] or a box's [length, width].
-    """
-
-    shape: Literal["box", "cylinder"]
-    at: tuple[float, float]
-    size_m: Annotated[tuple[Positive, ...], Field(min_length=1, max_length=2)]
-    yaw: float = 0.0
-    height_m: Positive = 0.4
-
-    @model_validator(mode="after")
-    def _size_fits_shape(self) -> Obstacle:
-        wanted = {"cylinder": 1, "box": 2}[self.shape]
-        if len(self.size_m) != wanted:
-            raise PydanticCustomError(
-                "size",
-                "a {shape} has {wanted} number(s) in size_m, not {given}",
-                {"shape": self.shape, "wanted": wanted, "given": len(self.size_m)},
-            )
-        return self
-
-
-@dataclass(frozen=True, slots=True, config=_STRICT)
 class Clutter:
-    """Obstacles drawn anew from the seed, until a way for the footprint is left.
+    """How many obstacles are drawn anew from the seed (see ``clutter.draw_clutter``)."""
 
-    size_min_m, size_max_m: bounds of an obstacle's radius (of its circumscribed circle).
-    region_m: x_min, y_min, x_max, y_max in map within which they stand; none: the arena's floor.
-    margin_m: what is left free between the footprint at start or goal and any obstacle.
-    block_line: at least one obstacle stands on the straight line from start to goal.
-    """
-
-    count: Annotated[int, Field(ge=0, le=500)] = 12
-    size_min_m: Positive = 0.10
-    size_max_m: Positive = 0.25
-    region_m: tuple[float, float, float, float] | None = None
-    margin_m: NonNegative = 0.10
-    block_line: bool = True
+    count: Annotated[int, Field(ge=1, le=200)] = 12
 
 
 @dataclass(frozen=True, slots=True, config=_STRICT)
 class Scenario:
     """One run, wholly described: the same scenario gives the same run.
 
-    start: (3,) x, y, yaw of base_link in map, m, m, rad. goal: (2,) m. config: all settings.
+    arena: a name, or an MJCF file (``.xml``, relative to the scenario's file). start: (3,) x, y,
+    yaw of base_link in map, m, m, rad. goal: (2,) m. config: all settings.
     """
 
     name: str
@@ -93,11 +59,6 @@ class Scenario:
     obstacles: tuple[Obstacle, ...] = ()
     clutter: Clutter | None = None
     config: Config = Field(default_factory=Config)
-
-
-def available() -> dict[str, Path]:
-    """The scenarios that come with the package: name -> file."""
-    return {path.stem: path for path in sorted(paths.scenarios_dir().glob("*.toml"))}
 
 
 def load(
@@ -121,6 +82,9 @@ def load(
         table["seed"] = seed
     if planner is not None:
         apply_override(table, f"planner.name={json.dumps(planner)}")
+    arena = table.get("arena")
+    if isinstance(arena, str) and arena.endswith(".xml"):
+        table["arena"] = str((file.parent / arena).resolve())
     scenario = from_table(table, source=str(name_or_path))
     _check_names(scenario, source=str(name_or_path))
     return scenario
@@ -128,7 +92,7 @@ def load(
 
 def resolve(name_or_path: str | Path) -> Path:
     """The file of a scenario given by name or by path."""
-    text, known = str(name_or_path), available()
+    text, known = str(name_or_path), scenario_files()
     if text in known:
         return known[text]
     path = Path(text)
@@ -234,19 +198,16 @@ def _adapter() -> TypeAdapter[Scenario]:
 
 def _check_names(scenario: Scenario, *, source: str) -> None:
     """Refuse an arena or a planner that does not exist, with the choices."""
-    from simloop import planners
-
     name, arena = scenario.config.planner.name, scenario.arena
-    if name not in planners.available():
-        hint = did_you_mean(name, planners.available())
+    if name not in planner_names():
+        hint = did_you_mean(name, planner_names())
         raise InputError(f"{source}: planner.name: unknown planner '{name}'{hint}")
-    if arena not in arenas():
-        raise InputError(f"{source}: arena: unknown arena '{arena}'{did_you_mean(arena, arenas())}")
-
-
-def arenas() -> dict[str, Path]:
-    """The arenas that come with the package: name -> MJCF file."""
-    return {path.stem: path for path in sorted((paths.models_dir() / "arenas").glob("*.xml"))}
+    if arena.endswith(".xml"):
+        if not Path(arena).is_file():
+            raise InputError(f"{source}: arena: no such file: {arena}")
+    elif arena not in arena_files():
+        hint = did_you_mean(arena, arena_files())
+        raise InputError(f"{source}: arena: unknown arena '{arena}'{hint}")
 
 
 def _descend(node: Any, part: str, where: str) -> Any:
@@ -291,6 +252,8 @@ def _describe(detail: ErrorDetails) -> str:
         return f"{key}: this key is required"
     if kind == "keys_clash":
         return detail["msg"]
+    if kind == "value_error":
+        return f"{key}: {detail['msg'].removeprefix('Value error, ')}"
     if kind == "finite_number":
         return f"{key}: must be a finite number, not {_short(given)}"
     text = (
@@ -300,7 +263,7 @@ def _describe(detail: ErrorDetails) -> str:
         .replace("an object", "a table")
     )
     text = text[0].lower() + text[1:]
-    return f"{key}: {text}" if kind == "size" else f"{key}: {text}, not {_short(given)}"
+    return f"{key}: {text}, not {_short(given)}"
 
 
 def _keys_at(location: Sequence[int | str]) -> list[str]:
