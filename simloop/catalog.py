@@ -1,0 +1,29 @@
+"""What can be chosen by name, found without importing anything slow."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+from simloop import paths, planners
+
+
+def scenario_files() -> dict[str, Path]:
+    """The scenarios that come with the package: name -> file."""
+    return {path.stem: path for path in sorted(paths.scenarios_dir().glob("*.toml"))}
+
+
+def arena_files() -> dict[str, Path]:
+    """The arenas that come with the package: name -> MJCF file."""
+    return {path.stem: path for path in sorted((paths.models_dir() / "arenas").glob("*.xml"))}
+
+
+def planner_names() -> tuple[str, ...]:
+    """The names that ``planner.name`` may have."""
+    return planners.available()
+
+
+def scenario_facts(path: Path) -> dict[str, str]:
+    """title, description and arena of a scenario file that comes with the package."""
+    table = tomllib.loads(path.read_text(encoding="utf-8"))
+    return {key: str(table.get(key, "")) for key in ("title", "description", "arena")}
