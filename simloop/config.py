@@ -164,6 +164,7 @@ class PlannerConfig:
     name: str = "tlbo"
     length_weight: NonNegative = 0.65
     turning_weight: NonNegative = 0.35
+    start_turn_weight: NonNegative = 0.1
     penalty: Positive = 60.0
     learners: Annotated[int, Field(ge=4)] = 100
     idle_generations: Annotated[int, Field(ge=1)] = 30
@@ -187,15 +188,34 @@ class SmootherConfig:
 
 @dataclass(frozen=True, slots=True, config=_STRICT)
 class TrackerConfig:
-    """Velocity control along the path."""
+    """Velocity control along the path, the motors' speed loops, the collision monitor, recovery.
+
+    Speed is limited by curvature (yaw rate, lateral acceleration), by clearance (creep_mps at the
+    safety distance, full speed open_clearance_m further out) and by braking before the end.
+    """
 
     max_speed_mps: Positive = 0.45
+    max_track_speed_mps: Positive = 0.47
     max_yaw_rate_radps: Positive = 1.6
     max_accel_mps2: Positive = 0.8
-    max_decel_mps2: Positive = 0.8
+    max_decel_mps2: Positive = 0.6
+    max_yaw_accel_radps2: Positive = 6.0
     max_lateral_accel_mps2: Positive = 0.4
-    stop_margin_m: Positive = 0.02
-    stuck_s: Positive = 3.0
+    creep_mps: Positive = 0.3
+    open_clearance_m: Positive = 0.1
+    lateral_gain_1pm2: Positive = 12.0
+    heading_gain_1pm: Positive = 5.0
+    turn_gain_1ps: Positive = 4.0
+    turn_on_spot_rad: Positive = 0.8
+    end_turn_rad: Positive = 0.15
+    goal_margin_m: Positive = 0.03
+    angle_gain_v_per_rad: NonNegative = 20.0
+    angle_error_limit_rad: Positive = 0.3
+    monitor_margin_m: NonNegative = 0.01
+    monitor_reaction_s: NonNegative = 0.15
+    stuck_s: Positive = 2.0
+    back_off_m: Positive = 0.25
+    back_off_mps: Positive = 0.12
 
 
 @dataclass(frozen=True, slots=True, config=_STRICT)

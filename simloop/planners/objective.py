@@ -1,0 +1,392 @@
+"""The planners' objective: J = w1 S + w2 Theta + sigma sum R over a whole polyline.
+
+Source: Sabiha 2022 (online TLBO), Eqs. 4-5, 12, 16. Three readings differ from print, each on
+purpose. Eq. 6 is a difference of two atan2 and is wrapped to (-pi, pi]. Eq. 8 looks at the
+waypoints only; here the clearance is that of every point of every segment. Eq. 17 needs the
+centres of round obstacles; here R is the intrusion in metres, one term a segment: the safe
+distance minus the segment's clearance, where that is positive. It is linear, hence exact: a sigma
+above the objective's own slope (about 2 per metre) leaves nothing to gain by an intrusion.
+
+The world is either discs (closed form) or a distance field (adaptive sampling, see
+``_field_clearance``); every kernel takes both through one `Problem`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from simloop.messages import FloatArray, WorldView
+
+FREE_M = 1e3
+"""Clearance reported where the world holds nothing, m."""
+FIELD_TOLERANCE_M = 4e-4
+"""How far short of safe a field's lower bound may fall and still be accepted, m."""
+SAFE_WITHIN_M = 1e-3
+"""A plan called safe keeps the safe distance to this, m."""
+START_GROWTH = 0.5
+"""By how much the clearance asked for grows for each metre away from a start too close, m/m."""
+_SHORTEST_M = 0.02
+_NO_LENGTH_M = 1e-9
+_STACK = 64
+
+
+class Problem(NamedTuple):
+    """One planning problem in the flat form that the compiled kernels take.
+
+    disc_x, disc_y, disc_r: (K,) m, empty where field (rows, cols) float32 is not. field_x,
+    field_y: centre of cell (0, 0). low, high: box of the waypoints. start_slack: how much of
+    the safe distance the start itself lacks, m.
+    """
+
+    disc_x: FloatArray
+    disc_y: FloatArray
+    disc_r: FloatArray
+    field: NDArray[np.float32]
+    field_x: float
+    field_y: float
+    per_m: float
+    low_x: float
+    low_y: float
+    high_x: float
+    high_y: float
+    start_x: float
+    start_y: float
+    start_yaw: float
+    goal_x: float
+    goal_y: float
+    start_slack: float
+    safe_m: float
+    tolerance_m: float
+    overhang_m: float
+    length_weight: float
+    turning_weight: float
+    start_turn_weight: float
+    penalty: float
+
+
+def make_problem(
+    world: WorldView,
+    start: FloatArray,
+    goal: FloatArray,
+    *,
+    safe_m: float,
+    overhang_m: float = 0.0,
+    length_weight: float = 0.65,
+    turning_weight: float = 0.35,
+    start_turn_weight: float = 0.0,
+    penalty: float = 60.0,
+) -> Problem:
+    """Flatten a view and a task. start: (3,) x, y, yaw; goal: (2,); both in map.
+
+    The field is used where the view has one, else the discs. Where the start (or the robot's
+    front as it stands) is closer than ``safe_m`` to something, the clearance asked for begins
+    at what the start has and grows by `START_GROWTH` a metre, so that the robot can leave.
+    """
+    field = np.ascontiguousarray(world.distance_m, dtype=np.float32)
+    empty = np.zeros(0)
+    discs = np.asarray(world.discs_xyr_m, dtype=np.float64).reshape(-1, 3)
+    columns = (empty, empty, empty) if field.size else tuple(np.ascontiguousarray(c) for c in discs.T)
+    resolution = world.resolution_m if field.size else 1.0
+    tolerance = 1e-9
+    if field.size:
+        # Bilinear interpolation overstates the distance to a corner by up to h^2 / (8 d).
+        tolerance = FIELD_TOLERANCE_M
+        overstated = resolution**2 / (8.0 * safe_m) + tolerance
+        safe_m += max(0.0, overstated - 0.9 * SAFE_WITHIN_M)
+    bounds = [float(b) for b in world.bounds_m]
+    problem = Problem(
+        *columns,
+        field=field,
+        field_x=float(world.origin_m[0]) + 0.5 * resolution,
+        field_y=float(world.origin_m[1]) + 0.5 * resolution,
+        per_m=1.0 / resolution,
+        low_x=bounds[0],
+        low_y=bounds[1],
+        high_x=bounds[2],
+        high_y=bounds[3],
+        start_x=float(start[0]),
+        start_y=float(start[1]),
+        start_yaw=float(start[2]),
+        goal_x=float(goal[0]),
+        goal_y=float(goal[1]),
+        start_slack=0.0,
+        safe_m=float(safe_m),
+        tolerance_m=tolerance,
+        overhang_m=float(overhang_m),
+        length_weight=float(length_weight),
+        turning_weight=float(turning_weight),
+        start_turn_weight=float(start_turn_weight),
+        penalty=float(penalty),
+    )
+    ahead_x = problem.start_x + overhang_m * math.cos(problem.start_yaw)
+    ahead_y = problem.start_y + overhang_m * math.sin(problem.start_yaw)
+    here = min(
+        point_clearance(problem, problem.start_x, problem.start_y),
+        point_clearance(problem, ahead_x, ahead_y),
+    )
+    # A hair more than the start lacks, so that rounding does not make the start itself unsafe.
+    slack = safe_m - here + 1e-6 if here < safe_m else 0.0
+    return problem._replace(start_slack=slack)
+
+
+@njit(cache=True)
+def _sample_field(p: Problem, x: float, y: float) -> float:
+    """Bilinear distance at a point; outside the grid, that of the nearest point inside."""
+    rows, cols = p.field.shape
+    u = min(max((x - p.field_x) * p.per_m, 0.0), cols - 1.0)
+    v = min(max((y - p.field_y) * p.per_m, 0.0), rows - 1.0)
+    i = min(int(u), cols - 2) if cols > 1 else 0
+    j = min(int(v), rows - 2) if rows > 1 else 0
+    i1 = min(i + 1, cols - 1)
+    j1 = min(j + 1, rows - 1)
+    a = u - i
+    b = v - j
+    low = p.field[j, i] * (1.0 - a) + p.field[j, i1] * a
+    high = p.field[j1, i] * (1.0 - a) + p.field[j1, i1] * a
+    return low * (1.0 - b) + high * b
+
+
+@njit(cache=True)
+def point_clearance(p: Problem, x: float, y: float) -> float:
+    """Distance from a point to the nearest obstacle's surface, m (negative inside a disc)."""
+    if p.field.size > 0:
+        return _sample_field(p, x, y)
+    clearance = FREE_M
+    for k in range(p.disc_x.size):
+        clearance = min(clearance, math.hypot(x - p.disc_x[k], y - p.disc_y[k]) - p.disc_r[k])
+    return clearance
+
+
+@njit(cache=True)
+def _allowance(p: Problem, x: float, y: float) -> float:
+    """How much less than the safe distance is asked for at a point near a start too close."""
+    if p.start_slack <= 0.0:
+        return 0.0
+    away = math.hypot(x - p.start_x, y - p.start_y) - p.overhang_m
+    return max(0.0, p.start_slack - START_GROWTH * max(0.0, away))
+
+
+@njit(cache=True)
+def relaxed_clearance(p: Problem, x: float, y: float) -> float:
+    """`point_clearance` plus what is not asked for near a start too close, m."""
+    return point_clearance(p, x, y) + _allowance(p, x, y)
+
+
+@njit(cache=True)
+def _lens(a: float, b: float, s: float) -> float:
+    """Least possible clearance on a segment of length s whose ends have clearances a and b.
+
+    The two discs about the ends hold no obstacle, so the nearest possible one sits where their
+    circles meet; its height over the segment is the bound.
+    """
+    if a + b <= s:
+        return 0.0
+    h = (a * a - b * b + s * s) / (2.0 * s)
+    if h <= 0.0 or h >= s:
+        return min(a, b)
+    return math.sqrt(max(0.0, a * a - h * h))
+
+
+@njit(cache=True)
+def _field_clearance(
+    p: Problem, ax: float, ay: float, bx: float, by: float, floor: float, stack: FloatArray
+) -> float:
+    """Clearance of a segment in the field, exact to tolerance_m where below safe_m.
+
+    Bisects until `_lens` proves each piece safe or the piece is `_SHORTEST_M` long. Returns as
+    soon as something below ``floor`` is found. A safe segment may report any value above safe_m.
+    """
+    length = math.hypot(bx - ax, by - ay)
+    fa = _sample_field(p, ax, ay)
+    fb = _sample_field(p, bx, by)
+    ga = _allowance(p, ax, ay)
+    gb = _allowance(p, bx, by)
+    worst = min(fa + ga, fb + gb)
+    if length < _NO_LENGTH_M or worst < floor:
+        return worst
+    ux = (bx - ax) / length
+    uy = (by - ay) / length
+    t = 0.0
+    top = 0
+    end = length
+    while True:
+        bound = _lens(fa, fb, end - t) + min(ga, gb)
+        if bound >= p.safe_m - p.tolerance_m or end - t <= _SHORTEST_M or top == _STACK - 1:
+            if bound < p.safe_m - p.tolerance_m:
+                worst = min(worst, bound)
+            if top == 0 or worst < floor:
+                return worst
+            top -= 1
+            t, fa, ga = end, fb, gb
+            end, fb, gb = stack[top, 0], stack[top, 1], stack[top, 2]
+        else:
+            stack[top, 0], stack[top, 1], stack[top, 2] = end, fb, gb
+            top += 1
+            end = 0.5 * (t + end)
+            fb = _sample_field(p, ax + ux * end, ay + uy * end)
+            gb = _allowance(p, ax + ux * end, ay + uy * end)
+            worst = min(worst, fb + gb)
+            if worst < floor:
+                return worst
+
+
+@njit(cache=True)
+def _disc_clearance(p: Problem, ax: float, ay: float, bx: float, by: float) -> float:
+    """Exact clearance of a segment among discs, m (negative where it cuts one)."""
+    dx = bx - ax
+    dy = by - ay
+    square = dx * dx + dy * dy
+    scale = 1.0 / square if square > 0.0 else 0.0
+    hits = 0
+    for k in range(p.disc_x.size):  # no branch and no root, so that it runs as SIMD
+        ox = p.disc_x[k] - ax
+        oy = p.disc_y[k] - ay
+        t = min(max((ox * dx + oy * dy) * scale, 0.0), 1.0)
+        ex = ox - t * dx
+        ey = oy - t * dy
+        reach = p.disc_r[k] + p.safe_m
+        hits += 1 if ex * ex + ey * ey < reach * reach else 0
+    if hits == 0:
+        return p.safe_m
+    clearance = FREE_M
+    for k in range(p.disc_x.size):
+        ox = p.disc_x[k] - ax
+        oy = p.disc_y[k] - ay
+        t = min(max((ox * dx + oy * dy) * scale, 0.0), 1.0)
+        clearance = min(clearance, math.hypot(ox - t * dx, oy - t * dy) - p.disc_r[k])
+    return clearance
+
+
+@njit(cache=True)
+def _disc_clearance_near_start(
+    p: Problem, ax: float, ay: float, bx: float, by: float
+) -> float:
+    """`_disc_clearance` with the allowance about a start too close: piece by piece, each
+    piece's allowance that of its worse end (the allowance is concave where it is not zero)."""
+    length = math.hypot(bx - ax, by - ay)
+    radius = p.overhang_m + p.start_slack / START_GROWTH
+    dx = p.start_x - ax
+    dy = p.start_y - ay
+    along = (dx * (bx - ax) + dy * (by - ay)) / length if length > _NO_LENGTH_M else 0.0
+    across = dx * dx + dy * dy - along * along
+    half = math.sqrt(max(0.0, radius * radius - across))
+    first = max(0.0, along - half)
+    last = min(length, along + half)
+    if length <= _NO_LENGTH_M or across >= radius * radius or first >= last:
+        return _disc_clearance(p, ax, ay, bx, by)
+    ux = (bx - ax) / length
+    uy = (by - ay) / length
+    worst = p.safe_m
+    if first > 0.0:
+        worst = min(worst, _disc_clearance(p, ax, ay, ax + ux * first, ay + uy * first))
+    if last < length:
+        worst = min(worst, _disc_clearance(p, ax + ux * last, ay + uy * last, bx, by))
+    pieces = 1 + int((last - first) / 0.005)
+    step = (last - first) / pieces
+    for k in range(pieces):
+        cx = ax + ux * (first + k * step)
+        cy = ay + uy * (first + k * step)
+        clear = _disc_clearance(p, cx, cy, cx + ux * step, cy + uy * step)
+        spare = min(_allowance(p, cx, cy), _allowance(p, cx + ux * step, cy + uy * step))
+        worst = min(worst, clear + spare)
+    return worst
+
+
+@njit(cache=True)
+def segment_clearance(
+    p: Problem, ax: float, ay: float, bx: float, by: float, floor: float, stack: FloatArray
+) -> float:
+    """Clearance of a segment as the objective sees it: overhang and start allowance included.
+
+    Any value >= safe_m - tolerance_m means safe. ``floor``: see `_field_clearance`.
+    """
+    if p.overhang_m > 0.0:
+        length = math.hypot(bx - ax, by - ay)
+        if length > _NO_LENGTH_M:
+            ex = (bx - ax) / length * p.overhang_m
+            ey = (by - ay) / length * p.overhang_m
+            if ax != p.start_x or ay != p.start_y:  # the robot already stands at the start
+                ax -= ex
+                ay -= ey
+            bx += ex
+            by += ey
+    if p.field.size > 0:
+        return _field_clearance(p, ax, ay, bx, by, floor, stack)
+    if p.start_slack > 0.0:
+        return _disc_clearance_near_start(p, ax, ay, bx, by)
+    return _disc_clearance(p, ax, ay, bx, by)
+
+
+@njit(cache=True)
+def length_and_turning(path: FloatArray, m: int) -> tuple[float, float]:
+    """S (Eq. 4) and Theta (Eq. 5, wrapped) of path[:m]; a segment without length has no heading."""
+    length = 0.0
+    turning = 0.0
+    ux = 0.0
+    uy = 0.0
+    for i in range(m - 1):
+        dx = path[i + 1, 0] - path[i, 0]
+        dy = path[i + 1, 1] - path[i, 1]
+        step = math.sqrt(dx * dx + dy * dy)
+        if step > _NO_LENGTH_M:
+            length += step
+            if ux != 0.0 or uy != 0.0:
+                turning += abs(math.atan2(ux * dy - uy * dx, ux * dx + uy * dy))
+            ux = dx
+            uy = dy
+    return length, turning
+
+
+@njit(cache=True)
+def start_turn(p: Problem, path: FloatArray, m: int) -> float:
+    """Angle between the robot's heading and the first segment that has a length, rad."""
+    for i in range(1, m):
+        dx = path[i, 0] - p.start_x
+        dy = path[i, 1] - p.start_y
+        if abs(dx) + abs(dy) > _NO_LENGTH_M:
+            c = math.cos(p.start_yaw)
+            s = math.sin(p.start_yaw)
+            return abs(math.atan2(c * dy - s * dx, c * dx + s * dy))
+    return 0.0
+
+
+@njit(cache=True)
+def intrusion(p: Problem, path: FloatArray, m: int, enough: float, stack: FloatArray) -> float:
+    """sum R: each segment's lack of clearance, m; stops adding once it exceeds ``enough``."""
+    total = 0.0
+    for i in range(m - 1):
+        floor = p.safe_m - (enough - total)
+        clear = segment_clearance(
+            p, path[i, 0], path[i, 1], path[i + 1, 0], path[i + 1, 1], floor, stack
+        )
+        if clear < p.safe_m - p.tolerance_m:
+            total += p.safe_m - clear
+            if total > enough:
+                return total
+    return total
+
+
+@njit(cache=True)
+def evaluate(p: Problem, path: FloatArray, m: int, bound: float, stack: FloatArray) -> float:
+    """J of path[:m]; once J is sure to exceed ``bound``, some value above ``bound``.
+
+    path: (>= m, 2). stack: scratch from `make_stack`. The obstacle term, the dear one, is left
+    out where length and turning alone already lose.
+    """
+    length, turning = length_and_turning(path, m)
+    cost = p.length_weight * length + p.turning_weight * turning
+    if p.start_turn_weight > 0.0:
+        cost += p.start_turn_weight * start_turn(p, path, m)
+    if cost > bound:
+        return cost
+    return cost + p.penalty * intrusion(p, path, m, (bound - cost) / p.penalty, stack)
+
+
+def make_stack() -> FloatArray:
+    """Scratch for `segment_clearance` and `evaluate`."""
+    return np.zeros((_STACK, 3))

@@ -1,0 +1,374 @@
+"""Rough routes of different homotopy, to seed a planner's first class.
+
+A wave from the goal and one from the start cross a coarse lattice over discs or field alike. The
+way start -> v -> goal through a node v has a known length and a signature that tells on which
+side of each obstacle it passes; the shortest few signatures become routes, pulled taut.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from simloop.messages import FloatArray
+from simloop.planners.objective import Problem, evaluate, relaxed_clearance, segment_clearance
+
+MAX_POINTS = 40
+"""Most waypoints of any polyline here, both ends included."""
+_STRAIGHT, _DIAGONAL = 10, 14  # integer lengths let the wave run on buckets, without a heap
+_NEARLY, _BLOCKED = 4, 100
+_FAR = np.int32(2**30)
+_TABLE = 512
+_STRETCH = 1.35  # routes longer than this times the shortest are not looked at
+
+IntArray = NDArray[np.int32]
+
+
+class Lattice(NamedTuple):
+    """Nodes at low + (ix, iy) * step. weight: (ny, nx) cost factor of a node."""
+
+    low_x: float
+    low_y: float
+    step: float
+    weight: IntArray
+
+
+@njit(cache=True)
+def make_lattice(p: Problem, most_nodes: int) -> Lattice:
+    """Cover the waypoints' box (and both ends) with about ``most_nodes`` nodes at most."""
+    low_x = min(p.low_x, p.start_x, p.goal_x)
+    low_y = min(p.low_y, p.start_y, p.goal_y)
+    wide = max(p.high_x, p.start_x, p.goal_x) - low_x
+    high = max(p.high_y, p.start_y, p.goal_y) - low_y
+    step = max(math.sqrt(wide * high / most_nodes), 0.02)
+    nx = int(wide / step + 1e-9) + 1
+    ny = int(high / step + 1e-9) + 1
+    weight = np.ones((ny, nx), np.int32)
+    if p.field.size > 0:
+        for iy in range(ny):
+            for ix in range(nx):
+                lack = p.safe_m - relaxed_clearance(p, low_x + ix * step, low_y + iy * step)
+                if lack > 0.0:
+                    weight[iy, ix] = _NEARLY if lack < 0.5 * step else _BLOCKED
+    else:
+        for k in range(p.disc_x.size):
+            _draw_disc(p, weight, k, low_x, low_y, step)
+    return Lattice(low_x, low_y, step, weight)
+
+
+@njit(cache=True)
+def _draw_disc(p: Problem, weight: IntArray, k: int, low_x: float, low_y: float, step: float) -> None:
+    ny, nx = weight.shape
+    reach = p.disc_r[k] + p.safe_m
+    cx = (p.disc_x[k] - low_x) / step
+    cy = (p.disc_y[k] - low_y) / step
+    outer = reach / step
+    inner = max(0.0, outer - 0.5)
+    for iy in range(max(0, math.ceil(cy - outer)), min(ny - 1, math.floor(cy + outer)) + 1):
+        for ix in range(max(0, math.ceil(cx - outer)), min(nx - 1, math.floor(cx + outer)) + 1):
+            square = (ix - cx) ** 2 + (iy - cy) ** 2
+            if square < outer * outer:
+                value = _BLOCKED if square < inner * inner else _NEARLY
+                weight[iy, ix] = max(weight[iy, ix], value)
+
+
+@njit(cache=True)
+def _ray_codes(lattice: Lattice) -> NDArray[np.int64]:
+    """(ny, nx) code added when a step goes from column ix to ix + 1 at (or from) row iy.
+
+    Each connected blocked region sends a ray down from its lowest node, between two columns; a
+    step across it adds the region's random number, modulo 2^64.
+    """
+    weight = lattice.weight
+    ny, nx = weight.shape
+    code = np.zeros((ny, nx), np.int64)
+    seen = np.zeros((ny, nx), np.bool_)
+    queue = np.empty(ny * nx, np.int32)
+    random = np.int64(0x9E3779B97F4A7C1)
+    for iy in range(ny):
+        for ix in range(nx):
+            if seen[iy, ix] or weight[iy, ix] < _BLOCKED:
+                continue
+            random = random * np.int64(6364136223846793005) + np.int64(1442695040888963407)
+            for row in range(iy):
+                code[row, ix] += random
+            queue[0] = iy * nx + ix
+            seen[iy, ix] = True
+            head, tail = 0, 1
+            while head < tail:
+                y, x = queue[head] // nx, queue[head] % nx
+                head += 1
+                for dy in range(-1, 2):
+                    for dx in range(-1, 2):
+                        v, u = y + dy, x + dx
+                        if 0 <= v < ny and 0 <= u < nx and not seen[v, u]:
+                            if weight[v, u] >= _BLOCKED:
+                                seen[v, u] = True
+                                queue[tail] = v * nx + u
+                                tail += 1
+    return code
+
+
+@njit(cache=True)
+def _wave(
+    lattice: Lattice,
+    code: NDArray[np.int64],
+    source: int,
+    target: int,
+    onward: IntArray,
+    far: int,
+) -> tuple[IntArray, IntArray, NDArray[np.int64], int]:
+    """Dijkstra by buckets from ``source``: distance, parent, signature of each node, and the
+    limit beyond which it did not look.
+
+    onward: distance that remains to the target, known from the other wave (empty on the first).
+    """
+    weight = lattice.weight
+    ny, nx = weight.shape
+    nodes = ny * nx
+    distance = np.full(nodes, _FAR, np.int32)
+    parent = np.full(nodes, -1, np.int32)
+    signature = np.zeros(nodes, np.int64)
+    buckets = _DIAGONAL * _BLOCKED + 1
+    head = np.full(buckets, -1, np.int32)
+    entry_node = np.empty(8 * nodes + 8, np.int32)
+    entry_next = np.empty(8 * nodes + 8, np.int32)
+    entry_node[0], entry_next[0], head[0] = source, -1, 0
+    entries, live = 1, 1
+    distance[source] = 0
+    now = 0
+    while live > 0 and now <= far:
+        slot = now % buckets
+        entry = head[slot]
+        if entry < 0:
+            now += 1
+            continue
+        head[slot] = entry_next[entry]
+        live -= 1
+        u = entry_node[entry]
+        if distance[u] != now:
+            continue
+        if u == target and onward.size == 0:
+            far = min(far, int(now * _STRETCH) + 10 * _STRAIGHT)
+        uy, ux = u // nx, u % nx
+        for dy in range(-1, 2):
+            vy = uy + dy
+            if vy < 0 or vy >= ny:
+                continue
+            for dx in range(-1, 2):
+                vx = ux + dx
+                if vx < 0 or vx >= nx or (dx == 0 and dy == 0):
+                    continue
+                v = vy * nx + vx
+                step = _STRAIGHT if dx == 0 or dy == 0 else _DIAGONAL
+                reach = now + step * max(weight[uy, ux], weight[vy, vx])
+                if reach >= distance[v]:
+                    continue
+                if onward.size > 0 and reach + onward[v] > far:
+                    continue
+                distance[v] = reach
+                parent[v] = u
+                turn = np.int64(0)
+                if dx == 1:
+                    turn = code[uy, ux]
+                elif dx == -1:
+                    turn = -code[vy, vx]
+                signature[v] = signature[u] + turn
+                entry_node[entries] = v
+                entry_next[entries] = head[reach % buckets]
+                head[reach % buckets] = entries
+                entries += 1
+                live += 1
+    return distance, parent, signature, far
+
+
+@njit(cache=True)
+def _shortest_classes(
+    ahead: IntArray,
+    behind: IntArray,
+    signature_ahead: NDArray[np.int64],
+    signature_behind: NDArray[np.int64],
+    far: int,
+    most: int,
+) -> IntArray:
+    """The node of least detour of each of the ``most`` shortest signatures, shortest first."""
+    key = np.zeros(_TABLE, np.int64)
+    length = np.full(_TABLE, _FAR, np.int32)
+    node = np.full(_TABLE, -1, np.int32)
+    held = 0
+    for v in range(ahead.size):
+        total = ahead[v] + behind[v]
+        if total > far:
+            continue
+        signature = signature_behind[v] - signature_ahead[v]
+        slot = (signature ^ (signature >> 29)) & (_TABLE - 1)
+        while node[slot] >= 0 and key[slot] != signature:
+            slot = (slot + 1) & (_TABLE - 1)
+        if node[slot] < 0:
+            if held >= _TABLE // 2:
+                continue
+            held += 1
+            key[slot] = signature
+        if total < length[slot]:
+            length[slot] = total
+            node[slot] = v
+    order = np.argsort(length, kind="mergesort")
+    return node[order[: min(held, most)]]
+
+
+@njit(cache=True)
+def is_clear(p: Problem, a: FloatArray, b: FloatArray, stack: FloatArray) -> bool:
+    """Whether the straight segment from a to b keeps the clearance asked for."""
+    clear = segment_clearance(p, a[0], a[1], b[0], b[1], p.safe_m - p.tolerance_m, stack)
+    return clear >= p.safe_m - p.tolerance_m
+
+
+@njit(cache=True)
+def pull_taut(p: Problem, chain: FloatArray, n: int, route: FloatArray, stack: FloatArray) -> int:
+    """Keep of chain[:n] what a string would touch: each point sees the next. Count kept.
+
+    The farthest point in sight is found by doubling, then halving.
+    """
+    route[0] = chain[0]
+    m, here = 1, 0
+    while here < n - 1:
+        step, seen, blocked = 1, here + 1, n
+        while here + step < n:
+            step *= 2
+            j = min(here + step, n - 1)
+            if not is_clear(p, chain[here], chain[j], stack):
+                blocked = j
+                break
+            seen = j
+            if j == n - 1:
+                break
+        while blocked - seen > 1 and seen < n - 1:
+            j = (seen + blocked) // 2
+            if is_clear(p, chain[here], chain[j], stack):
+                seen = j
+            else:
+                blocked = j
+        here = n - 1 if m == MAX_POINTS - 1 else seen
+        route[m] = chain[here]
+        m += 1
+    return m
+
+
+@njit(cache=True)
+def tighten(p: Problem, path: FloatArray, m: int, sweeps: int, stack: FloatArray) -> int:
+    """Drop points that are not needed and draw the others to their neighbours' chord. New m."""
+    for _ in range(sweeps):
+        i = 1
+        while i < m - 1:
+            before, here, after = path[i - 1], path[i], path[i + 1]
+            if is_clear(p, before, after, stack):
+                for k in range(i, m - 1):
+                    path[k] = path[k + 1]
+                m -= 1
+                continue
+            cx = after[0] - before[0]
+            cy = after[1] - before[1]
+            square = cx * cx + cy * cy
+            t = 0.5
+            if square > 0.0:
+                t = ((here[0] - before[0]) * cx + (here[1] - before[1]) * cy) / square
+                t = min(max(t, 0.1), 0.9)
+            foot_x = before[0] + t * cx
+            foot_y = before[1] + t * cy
+            old_x, old_y = here[0], here[1]
+            low, high = 0.0, 1.0
+            for _ in range(7):
+                mid = 0.5 * (low + high)
+                here[0] = old_x + mid * (foot_x - old_x)
+                here[1] = old_y + mid * (foot_y - old_y)
+                if is_clear(p, before, here, stack) and is_clear(p, here, after, stack):
+                    low = mid
+                else:
+                    high = mid
+            here[0] = old_x + low * (foot_x - old_x)
+            here[1] = old_y + low * (foot_y - old_y)
+            i += 1
+    return m
+
+
+@njit(cache=True)
+def _chain(
+    lattice: Lattice, p: Problem, via: int, from_start: IntArray, to_goal: IntArray, out: FloatArray
+) -> int:
+    """Points start -> ... -> via -> ... -> goal along both waves' parents."""
+    nx = lattice.weight.shape[1]
+    n = 0
+    v = via
+    while v >= 0:
+        n += 1
+        v = from_start[v]
+    v = via
+    for k in range(n - 1, -1, -1):
+        out[k, 0] = lattice.low_x + (v % nx) * lattice.step
+        out[k, 1] = lattice.low_y + (v // nx) * lattice.step
+        v = from_start[v]
+    v = to_goal[via]
+    while v >= 0:
+        out[n, 0] = lattice.low_x + (v % nx) * lattice.step
+        out[n, 1] = lattice.low_y + (v // nx) * lattice.step
+        n += 1
+        v = to_goal[v]
+    # The true ends replace the nodes nearest to them.
+    out[0, 0], out[0, 1] = p.start_x, p.start_y
+    n = max(n, 2)
+    out[n - 1, 0], out[n - 1, 1] = p.goal_x, p.goal_y
+    return n
+
+
+@njit(cache=True)
+def find_routes(
+    p: Problem,
+    most_nodes: int,
+    sweeps: int,
+    routes: FloatArray,
+    counts: IntArray,
+    costs: FloatArray,
+    stack: FloatArray,
+) -> int:
+    """Fill routes (K, MAX_POINTS, 2), counts (K,), costs (K,), the cheapest J first. How many."""
+    lattice = make_lattice(p, most_nodes)
+    ny, nx = lattice.weight.shape
+    code = _ray_codes(lattice)
+    ends = np.empty(2, np.int32)
+    for k in range(2):
+        x = p.start_x if k == 0 else p.goal_x
+        y = p.start_y if k == 0 else p.goal_y
+        ix = min(max(int((x - lattice.low_x) / lattice.step + 0.5), 0), nx - 1)
+        iy = min(max(int((y - lattice.low_y) / lattice.step + 0.5), 0), ny - 1)
+        ends[k] = iy * nx + ix
+    nothing = np.empty(0, np.int32)
+    ahead, to_goal, code_ahead, far = _wave(lattice, code, ends[1], ends[0], nothing, _FAR - 1)
+    behind, from_start, code_behind, _ = _wave(lattice, code, ends[0], ends[1], ahead, far)
+    vias = _shortest_classes(ahead, behind, code_ahead, code_behind, far, counts.size)
+    chain = np.empty((2 * nx * ny + 2, 2))
+    for k in range(vias.size):
+        n = _chain(lattice, p, vias[k], from_start, to_goal, chain)
+        m = pull_taut(p, chain, n, routes[k], stack)
+        counts[k] = tighten(p, routes[k], m, sweeps, stack)
+        costs[k] = evaluate(p, routes[k], counts[k], np.inf, stack)
+    _sort_routes(routes, counts, costs, vias.size)
+    return vias.size
+
+
+@njit(cache=True)
+def _sort_routes(routes: FloatArray, counts: IntArray, costs: FloatArray, n: int) -> None:
+    for i in range(1, n):  # insertion: a handful of routes
+        k = i
+        while k > 0 and costs[k] < costs[k - 1]:
+            for j in range(MAX_POINTS):
+                for c in range(2):
+                    swap = routes[k, j, c]
+                    routes[k, j, c] = routes[k - 1, j, c]
+                    routes[k - 1, j, c] = swap
+            counts[k], counts[k - 1] = counts[k - 1], counts[k]
+            costs[k], costs[k - 1] = costs[k - 1], costs[k]
+            k -= 1

@@ -1,0 +1,138 @@
+"""The fixed planning scenes S1-S4 on which planners are compared, and an independent checker.
+
+S1 is the four-obstacle scene of the TLBO papers (same ends, same safe distance); S2 and S3 are
+rooms of twelve and fifty discs; S4 is a U-shaped trap on a distance field. In all of them the
+robot is a point that keeps ``safe_m``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simloop.messages import FloatArray, WorldView
+
+_S1_DISCS = ((3.2, 0.6, 0.30), (4.3, 1.7, 0.35), (5.3, 1.5, 0.30), (6.1, 2.7, 0.30))
+_S4_BOXES = (
+    (5.0, 3.0, 5.2, 7.0),
+    (3.0, 6.8, 5.2, 7.0),
+    (3.0, 3.0, 5.2, 3.2),
+    (7.0, 4.0, 7.2, 10.0),
+    (6.0, 0.0, 6.2, 1.8),
+)
+_S4_RESOLUTION_M = 0.05
+SCENE_NAMES = ("S1", "S2", "S3", "S4a", "S4b")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Instance:
+    """One planning task. boxes_m: (B, 4) x0, y0, x1, y1, the truth behind a distance field.
+
+    best_cost: J* where it is known beforehand; on discs `exact.exact_path` finds it.
+    """
+
+    name: str
+    world: WorldView
+    start: FloatArray
+    goal: FloatArray
+    safe_m: float
+    boxes_m: FloatArray
+    best_cost: float | None = None
+
+
+def disc_world(discs: FloatArray, bounds: tuple[float, float, float, float]) -> WorldView:
+    """A view that holds discs (K, 3) alone."""
+    return WorldView(
+        t_ns=0,
+        origin_m=np.array(bounds[:2]),
+        resolution_m=0.05,
+        distance_m=np.zeros((0, 0), dtype=np.float32),
+        discs_xyr_m=np.array(discs, dtype=np.float64).reshape(-1, 3),
+        bounds_m=np.array(bounds),
+    )
+
+
+def box_distance(boxes: FloatArray, points: FloatArray) -> FloatArray:
+    """Distance of points (N, 2) to the nearest of boxes (B, 4); 0 inside one. (N,), m."""
+    low = boxes[None, :, :2] - points[:, None]
+    high = points[:, None] - boxes[None, :, 2:]
+    outside = np.maximum(np.maximum(low, high), 0.0)
+    return np.hypot(outside[..., 0], outside[..., 1]).min(axis=1)
+
+
+def box_world(boxes: FloatArray, size_m: float, resolution_m: float) -> WorldView:
+    """A square distance field, exact at the cells' centres, of axis-parallel boxes (B, 4)."""
+    cells = round(size_m / resolution_m)
+    centres = (np.arange(cells) + 0.5) * resolution_m
+    x, y = np.meshgrid(centres, centres)
+    distance = box_distance(boxes, np.column_stack([x.ravel(), y.ravel()]))
+    return WorldView(
+        t_ns=0,
+        origin_m=np.zeros(2),
+        resolution_m=resolution_m,
+        distance_m=distance.reshape(cells, cells).astype(np.float32),
+        discs_xyr_m=np.zeros((0, 3)),
+        bounds_m=np.array([0.0, 0.0, size_m, size_m]),
+    )
+
+
+def _random_discs(
+    seed: int, count: int, size: float, radii: tuple[float, float], ends: FloatArray
+) -> FloatArray:
+    """Draw discs until ``count`` keep r + 0.31 m from both ends; the rest are dropped."""
+    rng = np.random.default_rng(seed)
+    discs: list[tuple[float, float, float]] = []
+    while len(discs) < count:
+        x, y = rng.uniform(0.0, size, 2)
+        r = rng.uniform(*radii)
+        if np.hypot(*(ends - (x, y)).T).min() >= r + 0.31:
+            discs.append((x, y, r))
+    return np.array(discs)
+
+
+def _scattered(
+    name: str, seed: int, count: int, size: float, radii: tuple[float, float], ends: FloatArray
+) -> Instance:
+    discs = _random_discs(seed, count, size, radii, ends)
+    world = disc_world(discs, (0.0, 0.0, size, size))
+    start = np.array([*ends[0], 0.0])
+    return Instance(name, world, start, ends[1], 0.26, np.zeros((0, 4)))
+
+
+def scene(name: str) -> list[Instance]:
+    """The instances of a scene; raises ValueError for an unknown name."""
+    if name == "S1":
+        world = disc_world(np.array(_S1_DISCS), (1.5, -1.5, 7.5, 4.5))
+        start, goal = np.array([2.0, 0.0, 0.0]), np.array([7.0, 3.0])
+        return [Instance("S1", world, start, goal, 0.30, np.zeros((0, 4)))]
+    if name == "S2":
+        ends = np.array([[0.0, 0.0], [3.6, 3.9]])
+        seeds = [s for s in range(22) if s not in (4, 16)]
+        return [_scattered(f"S2-{s}", 1000 + s, 12, 5.0, (0.10, 0.25), ends) for s in seeds]
+    if name == "S3":
+        ends = np.array([[0.5, 0.5], [9.5, 9.5]])
+        return [_scattered(f"S3-{s}", 2000 + s, 50, 10.0, (0.10, 0.30), ends) for s in range(10)]
+    if name in ("S4a", "S4b"):
+        boxes = np.array(_S4_BOXES)
+        world = box_world(boxes, 10.0, _S4_RESOLUTION_M)
+        x, best = (1.0, 6.8261) if name == "S4a" else (4.2, 7.2490)
+        start, goal = np.array([x, 5.0, 0.0]), np.array([9.0, 5.0])
+        return [Instance(name, world, start, goal, 0.26, boxes, best)]
+    raise ValueError(f"unknown scene {name!r}; choose from {', '.join(SCENE_NAMES)}")
+
+
+def true_clearance(instance: Instance, waypoints: FloatArray, step_m: float = 2e-4) -> float:
+    """Clearance of a polyline (M, 2) by dense sampling of the true obstacles, m.
+
+    Independent of the planners' kernels on purpose. Exact to step_m^2 / (8 clearance).
+    """
+    worst = np.inf
+    for a, b in zip(waypoints[:-1], waypoints[1:], strict=True):
+        count = 2 + int(np.hypot(*(b - a)) / step_m)
+        points = a + np.linspace(0.0, 1.0, count)[:, None] * (b - a)
+        if len(instance.boxes_m):
+            worst = min(worst, float(box_distance(instance.boxes_m, points).min()))
+        for x, y, r in instance.world.discs_xyr_m:
+            worst = min(worst, float(np.hypot(points[:, 0] - x, points[:, 1] - y).min() - r))
+    return worst
