@@ -130,7 +130,8 @@ def sample_path(points: FloatArray, cuts: FloatArray, spacing: float) -> FloatAr
             continue
         heading = math.atan2(step[1], step[0])
         end = points[i] - step * (cuts[i] / size)
-        count = math.ceil(math.hypot(end[0] - at[0], end[1] - at[1]) / spacing)
+        run = math.hypot(end[0] - at[0], end[1] - at[1])
+        count = math.ceil(run / spacing) if run > 1e-9 else 0  # two cuts may meet
         for s in range(count):
             f = s / count
             here = at + f * (end - at)

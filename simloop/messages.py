@@ -7,7 +7,7 @@ in integer nanoseconds. Arrays inside a message are read-only.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,8 +22,8 @@ class _Message:
     __slots__ = ()
 
     def __post_init__(self) -> None:
-        for field in fields(self):  # type: ignore[arg-type]
-            value: Any = getattr(self, field.name)
+        for name in self.__dataclass_fields__:  # type: ignore[attr-defined]
+            value: Any = getattr(self, name)
             if isinstance(value, np.ndarray):
                 value.setflags(write=False)
 
@@ -204,3 +204,41 @@ class TrackCommand(_Message):
     sprocket_radps: FloatArray
     voltage_v: FloatArray
     mode: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapUpdate(_Message):
+    """The robot's map at a plan's frame. log_odds: (rows, cols) float32, [iy, ix], 0 unknown.
+
+    Cell (0, 0) has its lower left corner at origin_m (2,).
+    """
+
+    t_ns: int
+    origin_m: FloatArray
+    resolution_m: float
+    log_odds: NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something worth a line: level is ``info`` or ``warning``."""
+
+    t_ns: int
+    level: str
+    text: str
+
+
+Message = (
+    Truth
+    | EncoderReading
+    | ImuReading
+    | LidarScan
+    | Estimate
+    | PoseFix
+    | WorldView
+    | Plan
+    | SmoothPath
+    | TrackCommand
+    | MapUpdate
+    | Event
+)
