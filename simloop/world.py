@@ -1,0 +1,108 @@
+"""From a scenario to its world: the compiled model and the true floor plan, checked before use.
+
+Ground truth: for plant, metrics and drawings. What is wrong with a start or a goal is said here,
+before anything is written or run.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from simloop.arena import bounds_of, build, floor_plan
+from simloop.clutter import draw_clutter, is_passable
+from simloop.errors import InputError
+from simloop.floor_plan import FloorPlan
+from simloop.footprint import least_clearance
+from simloop.messages import FloatArray
+from simloop.scenario import Scenario
+
+if TYPE_CHECKING:
+    from mujoco import MjModel
+
+_CLUTTER_STREAM = 0xC1
+"""Marks the draw of the room off from all the generators that the stages get from the seed."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class World:
+    """model: the arena with the vehicle and all obstacles, compiled. floor: what truly stands."""
+
+    model: MjModel
+    floor: FloorPlan
+
+
+def build_world(scenario: Scenario) -> World:
+    """Build what a scenario describes. Raises InputError where it cannot be, or not be driven."""
+    where, step_s = f"scenario '{scenario.name}'", scenario.config.rates.physics_s
+    try:
+        obstacles = list(scenario.obstacles)
+        model = build(scenario.arena, obstacles, step_s)
+        if scenario.clutter is not None:
+            obstacles += draw_clutter(
+                np.random.default_rng([scenario.seed, _CLUTTER_STREAM]),
+                scenario.start,
+                scenario.goal,
+                bounds_of(model),
+                scenario.clutter.count,
+                scenario.config.vehicle,
+                scenario.config.planner.safe_distance_m,
+            )
+            model = build(scenario.arena, obstacles, step_s)
+        floor = floor_plan(model)
+    except ValueError as error:
+        # The ends are the likelier culprits, and what is wrong with them is easier to act on.
+        _check_bounds(scenario, where)
+        raise InputError(f"{where}: {error}") from None
+    check_ends(scenario, floor, where)
+    return World(model, floor)
+
+
+def check_ends(scenario: Scenario, floor: FloorPlan, where: str) -> None:
+    """Refuse a start or goal that is outside the arena, too near to something, or walled off."""
+    radius = scenario.config.vehicle.footprint_radius_m
+    start, goal = np.array(scenario.start[:2]), np.array(scenario.goal)
+    for key, point in (("start", start), ("goal", goal)):
+        text = f"{where}: {key} ({point[0]:g}, {point[1]:g})"
+        if not floor.contains(point):
+            raise InputError(f"{text} is outside the arena: {_bounds_text(floor.bounds_m)}")
+        clearance, name = nearest(floor, point)
+        if clearance < 0.0:
+            raise InputError(f"{text} is inside {name}")
+        if clearance < radius:
+            raise InputError(
+                f"{text} is {clearance:.2f} m from {name}; the robot needs {radius:.2f} m there"
+            )
+    if least_clearance(floor, np.array([scenario.start]), scenario.config.vehicle) <= 0.0:
+        raise InputError(f"{where}: start: the robot's outline touches {nearest(floor, start)[1]}")
+    if not is_passable(floor, start, goal, 0.0):
+        raise InputError(f"{where}: goal ({goal[0]:g}, {goal[1]:g}) is walled off from the start")
+
+
+def nearest(floor: FloorPlan, point: FloatArray) -> tuple[float, str]:
+    """The distance (signed, m) and the name of what stands nearest to a point (2,)."""
+    alone = [
+        (float(replace(floor, sections=(section,)).clearance_m(point)[0]), section.name)
+        for section in floor.sections
+    ]
+    return min(alone, default=(float("inf"), "nothing"))
+
+
+def _check_bounds(scenario: Scenario, where: str) -> None:
+    """Outside the arena's bounds, as far as they can be known without its floor plan."""
+    try:
+        bounds = bounds_of(build(scenario.arena))
+    except ValueError:
+        return
+    for key, point in (("start", scenario.start), ("goal", scenario.goal)):
+        x, y = point[:2]
+        if not (bounds[0] <= x <= bounds[2] and bounds[1] <= y <= bounds[3]):
+            text = f"{where}: {key} ({x:g}, {y:g}) is outside the arena"
+            raise InputError(f"{text}: {_bounds_text(bounds)}")
+
+
+def _bounds_text(bounds: FloatArray) -> str:
+    x_min, y_min, x_max, y_max = bounds
+    return f"x {x_min:g} to {x_max:g}, y {y_min:g} to {y_max:g}"
