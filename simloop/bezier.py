@@ -156,7 +156,7 @@ def sample_path(points: FloatArray, cuts: FloatArray, spacing: float) -> FloatAr
 
 @njit(cache=True)
 def path_clearance(samples: FloatArray, field: Field, offsets: FloatArray) -> FloatArray:
-    """(k,) footprint clearance, m, at each sample (k, 4)."""
+    """(k,) footprint clearance, m, at each sample (k, 3 or more): x, y, yaw."""
     out = np.empty(samples.shape[0])
     for i in range(samples.shape[0]):
         out[i] = footprint_clearance(field, samples[i, 0], samples[i, 1], samples[i, 2], offsets)
@@ -188,6 +188,13 @@ class Smoother:
             if path_clearance(led, field, self._offsets).min() >= enough:
                 return self._message(plan, led, field)
         return self._message(plan, straight, field)
+
+    def clearances(
+        self, path: SmoothPath, view: WorldView, part: slice
+    ) -> tuple[FloatArray, FloatArray]:
+        """Footprint clearance, m, along a part of ``path``: as planned, and as ``view`` has it."""
+        samples = np.column_stack((path.xy_m[part], path.yaw_rad[part]))
+        return path.clearance_m[part], path_clearance(samples, field_of(view), self._offsets)
 
     def _with_lead_in(self, points: FloatArray, pose: FloatArray, fraction: float) -> FloatArray:
         first = math.dist(points[0], points[1])

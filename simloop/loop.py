@@ -1,0 +1,150 @@
+"""The closed loop: plant -> sensors -> robot -> motors -> plant, in lockstep, from one seed."""
+
+from __future__ import annotations
+
+import gc
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from simloop.messages import Message, Truth
+from simloop.metrics import RunMetrics
+from simloop.plant import Plant
+from simloop.profiler import Profiler
+from simloop.robot import Mission, Robot
+from simloop.scenario import Scenario
+from simloop.sensors import Encoders, Imu, Lidar
+from simloop.world import World, build_world
+
+_STILL_MPS = 0.01
+_PROGRESS_TICKS = 20
+
+Listener = Callable[[Message], None]
+
+
+class Recorder(Protocol):
+    """Whoever wants to hear every message."""
+
+    def offer(self, message: Message) -> None:
+        """Take one message; it is read-only."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class RunResult:
+    """outcome: reached, collision, stuck, missed, timeout. metrics: what ``--json`` writes."""
+
+    outcome: str
+    metrics: dict[str, Any]
+
+    @property
+    def reached(self) -> bool:
+        """Whether the robot truly stands in the goal's tolerance."""
+        return self.outcome == "reached"
+
+
+class Simulation:
+    """One run of a scenario. Raises InputError for a scenario that cannot be run.
+
+    recorder and listeners hear every message and can change nothing.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        recorder: Recorder | None = None,
+        listeners: Sequence[Listener] = (),
+        profiler: Profiler | None = None,
+        world: World | None = None,
+    ) -> None:
+        config, rates = scenario.config, scenario.config.rates
+        self.scenario = scenario
+        self.world = world or build_world(scenario)
+        self.plant = Plant(self.world.model, config)
+        imu_rng, lidar_rng, planner_rng = np.random.default_rng(scenario.seed).spawn(3)
+        self._encoders = Encoders(config.encoder)
+        self._imu = Imu(config.imu, rates.imu_s, imu_rng)
+        mount = self.plant.base_from_laser
+        self._lidar = Lidar(config.lidar, rates.lidar_s, mount, lidar_rng)
+        start, goal = np.array(scenario.start), np.array(scenario.goal)
+        mission = Mission(start, goal, scenario.goal_tolerance_m)
+        self.profiler = watch = profiler or Profiler()
+        laser = np.array([mount[0], mount[1], 0.0])
+        self.robot = Robot(config, mission, laser, planner_rng, watch)
+        self.metrics = RunMetrics(scenario, self.world.floor)
+        offers = [] if recorder is None else [watch.wrap("recorder", recorder.offer)]
+        self._listeners: list[Listener] = [self.metrics.offer, *offers, *listeners]
+        self._goal, self._limit_ns = goal, round(scenario.time_limit_s * 1e9)
+        self._step = watch.wrap("plant", self.plant.step)
+        self._sweep = watch.wrap("lidar", self._lidar.sweep)
+
+    def run(self, progress: Callable[[float, float], None] | None = None) -> RunResult:
+        """Run to the end. progress: called now and then with simulated s and m to go.
+
+        Ends when the robot stands at its goal, touches something, gives up, or is out of time.
+        """
+        began = time.perf_counter()
+        voltage, truth = np.zeros(2), self.plant.reset(np.array(self.scenario.start))
+        self._publish([truth])
+        outcome, ticks = "", 0
+        with _no_collector():
+            while not outcome:
+                before, truth = truth, self._step(voltage)
+                encoders, imu = self._encoders.read(truth), self._imu.read(truth)
+                scan = self._sweep(before, truth, self.plant)
+                command = self.robot.step(encoders, imu, scan)
+                voltage = command.voltage_v
+                self._publish([truth, encoders, imu, *([scan] if scan else ()), command])
+                self._publish(self.robot.said)
+                outcome, ticks = self._outcome(truth), ticks + 1
+                if progress and ticks % _PROGRESS_TICKS == 0:
+                    progress(truth.t_ns * 1e-9, self._distance(truth))
+        return self._result(outcome, time.perf_counter() - began)
+
+    def interrupted(self, wall_time_s: float) -> RunResult:
+        """The result of a run that somebody stopped."""
+        return self._result("interrupted", wall_time_s)
+
+    def _result(self, outcome: str, wall_time_s: float) -> RunResult:
+        metrics = self.metrics.result(
+            outcome=outcome,
+            wall_time_s=wall_time_s,
+            state_hash=self.plant.state_hash(),
+            plan_ms=self.profiler.stage("planner").milliseconds,
+        )
+        return RunResult(outcome, metrics)
+
+    def _publish(self, messages: Sequence[Message]) -> None:
+        for listener in self._listeners:
+            for message in messages:
+                listener(message)
+
+    def _distance(self, truth: Truth) -> float:
+        return float(np.hypot(*(truth.pose_xyyaw[:2] - self._goal)))
+
+    def _outcome(self, truth: Truth) -> str:
+        """How the run ended, or nothing while it goes on. Only the referee knows the truth."""
+        if truth.contact_count:
+            return "collision"
+        if self.robot.arrived and abs(truth.velocity_body[0]) < _STILL_MPS:
+            near = self._distance(truth) <= self.scenario.goal_tolerance_m
+            return "reached" if near else "missed"
+        if self.robot.gave_up:
+            return "stuck"
+        return "timeout" if truth.t_ns >= self._limit_ns else ""
+
+
+@contextmanager
+def _no_collector() -> Iterator[None]:
+    """Keeps Python's cycle collector out of the loop: it makes no cycles, and pauses are jitter."""
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()
