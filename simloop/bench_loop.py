@@ -1,0 +1,180 @@
+"""How fast the loop runs: as ratios to the clock and to its own physics, and stage by stage.
+
+Every figure is the best of a few repeats in one process: what else the machine does can only
+make it slower. Nothing here is ever used in a decision.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import platform
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from simloop.loop import Simulation
+from simloop.messages import FloatArray, Message, TrackCommand
+from simloop.metrics import versions
+from simloop.plant import Plant
+from simloop.profiler import Profiler
+from simloop.report import print_table
+from simloop.scenario import Scenario
+from simloop.sensors import Lidar
+from simloop.warmup import warm_up
+from simloop.world import World, build_world
+
+_SCANS = 200
+
+Report = Callable[[str, int], None]
+
+
+def run(
+    scenario: Scenario, repeats: int = 3, report: Report = lambda name, count: None
+) -> dict[str, Any]:
+    """The figures of ``simloop bench loop --json``; see ``_FIGURES`` for what each one is.
+
+    report: hears of each kernel that is compiled, see ``warmup.warm_up``.
+    """
+    world = build_world(scenario)
+    warm_up(scenario, world, report)
+    loops = [_closed_loop(scenario, world) for _ in range(max(1, repeats))]
+    fastest = min(loops, key=lambda one: one["wall_s"])
+    sim_s, loop_s = fastest["sim_s"], fastest["wall_s"]
+    plant_s = min(_plant_alone(scenario, world, fastest["voltages"]) for _ in range(repeats))
+    recording_s = min(_recorded(scenario, world) for _ in range(repeats))
+    substeps = len(fastest["voltages"]) * Plant(world.model, scenario.config).substeps
+    return {
+        "scenario": scenario.name,
+        "seed": scenario.seed,
+        "outcome": fastest["outcome"],
+        "sim_time_s": sim_s,
+        "wall_time_s": loop_s,
+        "real_time_factor": sim_s / loop_s,
+        "real_time_factor_recording": sim_s / recording_s,
+        "plant_only_ratio": loop_s / plant_s,
+        "step_us": plant_s / substeps * 1e6,
+        "lidar_scan_us": _scan_us(scenario, world),
+        "stages": fastest["stages"],
+        "machine": machine(),
+        "versions": versions(),
+    }
+
+
+_FIGURES = (
+    ("real_time_factor", "{:.1f} x", "closed loop, nothing recorded"),
+    ("real_time_factor_recording", "{:.1f} x", "closed loop, recorded to a file"),
+    ("plant_only_ratio", "{:.2f} x", "closed loop to the plant alone, same voltages"),
+    ("step_us", "{:.1f} us", "one physics step, tracks included"),
+    ("lidar_scan_us", "{:.0f} us", "one turn of the LiDAR"),
+)
+
+
+def print_figures(console: Console, figures: dict[str, Any]) -> None:
+    """The figures as two tables: the loop as a whole, then its stages by their share."""
+    name = f"{figures['scenario']}, seed {figures['seed']}, on {figures['machine']['cpu']}"
+    rows = [[key, form.format(figures[key]), what] for key, form, what in _FIGURES]
+    print_table(console, name, ["figure", "value", "of"], rows)
+    stages = sorted(figures["stages"].items(), key=lambda item: -item[1]["share"])
+    rows = [
+        [stage, f"{at['mean_ms']:.3f}", f"{at['worst_ms']:.3f}", f"{at['share']:.1%}",
+         f"{at['calls']:.0f}"]
+        for stage, at in stages
+    ]  # fmt: skip
+    print_table(console, "", ["stage", "mean ms", "worst ms", "share", "calls"], rows)
+
+
+def machine() -> dict[str, Any]:
+    """What the figures were measured on."""
+    return {"cpu": _cpu_name(), "cores": os.cpu_count(), "platform": platform.platform(terse=True)}
+
+
+def _cpu_name() -> str:
+    try:
+        import cpuinfo
+    except ImportError:
+        return platform.processor() or platform.machine()
+    return str(cpuinfo.get_cpu_info().get("brand_raw") or platform.machine())
+
+
+def _closed_loop(scenario: Scenario, world: World) -> dict[str, Any]:
+    """One run as it is; the voltages are kept by reference, which costs next to nothing."""
+    profiler, heard = Profiler(), _Heard()
+    simulation = Simulation(scenario, listeners=[heard], profiler=profiler, world=world)
+    gc.collect()
+    began = perf_counter()
+    result = simulation.run()
+    # The figures after the run (shortest path and so on) are not part of the loop.
+    wall_s = min(perf_counter() - began, result.metrics["wall_time_s"])
+    return {
+        "outcome": result.outcome,
+        "sim_s": result.metrics["sim_time_s"],
+        "wall_s": wall_s,
+        "stages": profiler.summary(wall_s),
+        "voltages": heard.voltages,
+    }
+
+
+class _Heard:
+    """The voltages (2,) of every control period, in order."""
+
+    def __init__(self) -> None:
+        self.voltages: list[FloatArray] = []
+
+    def __call__(self, message: Message) -> None:
+        if isinstance(message, TrackCommand):
+            self.voltages.append(message.voltage_v)
+
+
+def _plant_alone(scenario: Scenario, world: World, voltages: list[FloatArray]) -> float:
+    """Wall time of the plant under the same voltages as in the loop, so along the same way."""
+    plant = Plant(world.model, scenario.config)
+    plant.reset(np.array(scenario.start))
+    gc.collect()
+    began, before = perf_counter(), np.zeros(2)
+    for voltage in voltages:
+        plant.step(before)
+        before = voltage
+    return perf_counter() - began
+
+
+def _recorded(scenario: Scenario, world: World) -> float:
+    """Wall time of the loop with a recording to a file, its closing included."""
+    from simloop.recorder import RerunRecorder
+
+    with tempfile.TemporaryDirectory() as directory:
+        recorder = RerunRecorder(Path(directory) / "bench.rrd", scenario, world)
+        simulation = Simulation(scenario, recorder=recorder, world=world)
+        gc.collect()
+        began = perf_counter()
+        result = simulation.run()
+        run_s = result.metrics["wall_time_s"]
+        closing = perf_counter()
+        recorder.close()
+        return min(run_s, closing - began) + perf_counter() - closing
+
+
+def _scan_us(scenario: Scenario, world: World) -> float:
+    """The median cost of one whole turn: all the sweeps of a scan's period together."""
+    config = scenario.config
+    plant = Plant(world.model, config)
+    before = plant.reset(np.array(scenario.start))
+    rng = np.random.default_rng(0)
+    lidar = Lidar(config.lidar, config.rates.lidar_s, plant.base_from_laser, rng)
+    ticks = round(config.rates.lidar_s / config.rates.control_s)
+    turns = []
+    for _ in range(_SCANS):
+        spent = 0.0
+        for _ in range(ticks):
+            truth = plant.step(np.zeros(2))
+            began = perf_counter()
+            lidar.sweep(before, truth, plant)
+            spent += perf_counter() - began
+            before = truth
+        turns.append(spent)
+    return float(np.median(turns)) * 1e6

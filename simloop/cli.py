@@ -1,0 +1,276 @@
+"""The command line. Exit codes: 0 goal reached, 1 the robot failed, 2 the input is wrong.
+
+What is slow to import is imported by the command that needs it, so that help and lists are quick.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+
+from simloop import __version__
+from simloop.errors import InputError
+
+if TYPE_CHECKING:
+    from simloop.loop import RunResult, Simulation
+    from simloop.outputs import Outputs
+    from simloop.scenario import Scenario
+    from simloop.world import World
+
+app = typer.Typer(
+    name="simloop",
+    help="A tracked robot that finds its own way across an unknown room, closed-loop in MuJoCo.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+bench_app = typer.Typer(help="Measure speed and planners.", no_args_is_help=True)
+app.add_typer(bench_app, name="bench")
+
+INPUT_WRONG, INTERRUPTED = 2, 130
+
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Any key of the scenario, e.g. goal=[3.0,2.5]"),
+]
+JsonFile = Annotated[
+    Path | None, typer.Option("--json", metavar="FILE", help="Write the figures as JSON.")
+]
+
+
+def main() -> None:
+    """Entry point of the console script: one clear line for whatever the user got wrong."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        sys.exit(app(standalone_mode=False) or 0)
+    except KeyboardInterrupt:
+        _fail("interrupted", INTERRUPTED)
+    except typer.Abort:
+        _fail("interrupted", INTERRUPTED)
+    except InputError as error:
+        _fail(f"error: {error}", INPUT_WRONG)
+    except BrokenPipeError:
+        # Whoever read our output is gone; Python must not complain about it at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)
+    except OSError as error:
+        _fail(f"error: {error.filename or 'output'}: {error.strerror or error}", INPUT_WRONG)
+    except Exception as error:
+        # The option parser's own errors have no public base class in every version of it.
+        describe = getattr(error, "format_message", None)
+        if describe is None:
+            raise
+        text = describe()
+        is_help = text.startswith("Usage:")
+        _fail(text if is_help else f"error: {' '.join(text.split())}", INPUT_WRONG)
+
+
+@app.callback(invoke_without_command=True)
+def _about(
+    version: Annotated[bool, typer.Option("--version", help="Show the version.")] = False,
+) -> None:
+    if version:
+        print(f"simloop {__version__}")
+        raise typer.Exit
+
+
+@app.command("list")
+def list_choices() -> int:
+    """Show the scenarios, planners and arenas that can be named."""
+    from simloop import catalog
+    from simloop.report import print_table
+
+    console = Console()
+    facts = {name: catalog.scenario_facts(path) for name, path in catalog.scenario_files().items()}
+    rows = [[name, fact["title"], fact["description"]] for name, fact in facts.items()]
+    print_table(console, "scenarios", ["name", "title", "description"], rows)
+    print_table(console, "planners", ["name"], [[name] for name in catalog.planner_names()])
+    print_table(console, "arenas", ["name"], [[name] for name in catalog.arena_files()])
+    return 0
+
+
+@app.command("run")
+def run_scenario(
+    scenario: Annotated[str, typer.Argument(help="A scenario's name, or a TOML file.")],
+    seed: Annotated[int | None, typer.Option(help="Another seed, another run.")] = None,
+    planner: Annotated[str | None, typer.Option(help="Another planner, by name.")] = None,
+    record: Annotated[
+        Path | None, typer.Option(metavar="FILE.rrd", help="Record everything, for rerun.")
+    ] = None,
+    snapshots: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Pictures and a contact sheet.")
+    ] = None,
+    json_file: JsonFile = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="All of the above into one directory.")
+    ] = None,
+    overrides: Overrides = None,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
+) -> int:
+    """Run a scenario: exit code 0 if the goal is reached, 1 if the robot fails."""
+    from simloop.outputs import choose
+    from simloop.scenario import load
+
+    wanted = load(scenario, overrides or (), seed=seed, planner=planner)
+    outputs = choose(out, record, snapshots, json_file)
+    outputs.check()
+    from simloop.world import build_world
+
+    world = build_world(wanted)
+    # Nothing has been written so far, and from here on nothing can be wrong with the input.
+    console, notes = Console(quiet=quiet), Console(stderr=True, quiet=quiet)
+    with _compiling(notes) as report:
+        from simloop.warmup import warm_up
+
+        warm_up(wanted, world, report)
+    outputs.prepare()
+    result = _record_and_run(wanted, world, outputs, notes)
+    try:
+        outputs.write_result(result.metrics)
+    finally:
+        _print_result(console, result.metrics, outputs)
+    if result.outcome == "interrupted":
+        return INTERRUPTED
+    return 0 if result.reached else 1
+
+
+@bench_app.command("loop")
+def bench_loop(
+    json_file: JsonFile = None,
+    scenario: Annotated[str, typer.Option(help="A scenario's name or file.")] = "experiment",
+    repeats: Annotated[int, typer.Option(min=1, help="The best of this many is taken.")] = 3,
+    overrides: Overrides = None,
+) -> int:
+    """Speed of the closed loop: to the clock, to the plant alone, and stage by stage."""
+    from simloop.scenario import load
+
+    wanted = load(scenario, overrides or ())
+    _check_json(json_file)
+    from simloop import bench_loop
+
+    with _compiling(Console(stderr=True)) as report:
+        figures = bench_loop.run(wanted, repeats, report)
+    bench_loop.print_figures(Console(), figures)
+    _write_json(json_file, figures)
+    return 0
+
+
+@bench_app.command("planners")
+def bench_planners(json_file: JsonFile = None) -> int:
+    """Planners against the exact optimum on fixed scenes: time, gap, safety."""
+    _check_json(json_file)
+    from simloop import bench_planners
+
+    figures = bench_planners.run()
+    Console().print(bench_planners.table(figures), highlight=False, soft_wrap=True)
+    _write_json(json_file, figures)
+    return 0
+
+
+def _record_and_run(
+    scenario: Scenario, world: World, outputs: Outputs, notes: Console
+) -> RunResult:
+    """Run with whatever is to be kept; Ctrl-C ends the run, and all of it is kept readable."""
+    from simloop.loop import Simulation
+    from simloop.metrics import versions
+
+    outputs.write_config(scenario, versions())
+    recorder, listeners = None, []
+    if outputs.recording is not None:
+        from simloop.recorder import RerunRecorder
+
+        recorder = RerunRecorder(outputs.recording, scenario, world)
+    if outputs.snapshots is not None:
+        from simloop.snapshot import Snapshots
+
+        snapshots = Snapshots(outputs.snapshots, scenario, world)
+        listeners.append(snapshots.offer)
+    result = _run(Simulation(scenario, recorder, listeners, world=world), notes)
+    with _uninterrupted():
+        if recorder is not None:
+            recorder.close()
+        if outputs.snapshots is not None:
+            snapshots.close()
+    return result
+
+
+def _run(simulation: Simulation, notes: Console) -> RunResult:
+    from simloop.report import progress_bar
+
+    to_go, limit = simulation.metrics.distance_to_go_m(), simulation.scenario.time_limit_s
+    began = perf_counter()
+    try:
+        with progress_bar(notes, to_go, limit) as progress:
+            return simulation.run(progress)
+    except KeyboardInterrupt:
+        with _uninterrupted():
+            return simulation.interrupted(perf_counter() - began)
+
+
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """A second Ctrl-C must not cut off what makes the first one harmless."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def _compiling(notes: Console) -> Iterator[Callable[[str, int], None]]:
+    from simloop.report import compiling
+
+    with compiling(notes) as report:
+        yield report
+
+
+def _print_result(console: Console, metrics: dict[str, Any], outputs: Outputs) -> None:
+    from simloop.report import print_result
+
+    print_result(console, metrics)
+    places = (
+        ("recording", outputs.recording, "open it with: rerun "),
+        ("pictures", outputs.snapshots, ""),
+        ("figures", outputs.result, ""),
+        ("config", outputs.config, "the same run again: simloop run "),
+    )
+    for name, path, hint in places:
+        if path is not None and path.exists():
+            text = f"  {name:13} {path}" + (f"   ({hint}{path})" if hint else "")
+            console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+def _check_json(path: Path | None) -> None:
+    from simloop.outputs import check_file
+
+    if path is not None:
+        check_file(path, "--json")
+
+
+def _write_json(path: Path | None, figures: dict[str, Any]) -> None:
+    from simloop.outputs import write_text
+
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_text(path, json.dumps(figures, indent=2) + "\n")
+
+
+def _fail(message: str, code: int) -> None:
+    print(message, file=sys.stderr)
+    sys.exit(code)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,120 @@
+"""The files of a run: checked before anything is done, written so that none is ever half there."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from simloop.errors import InputError
+from simloop.scenario import Scenario, to_toml
+
+
+@dataclass(frozen=True, slots=True)
+class Outputs:
+    """Where a run's results go; None where nobody asked. ``config`` lies beside the result."""
+
+    recording: Path | None = None
+    snapshots: Path | None = None
+    result: Path | None = None
+    config: Path | None = None
+
+    def check(self) -> None:
+        """Raise InputError for anything that cannot be written; leaves no trace."""
+        for flag, file in (("--record", self.recording), ("--json", self.result)):
+            if file is not None:
+                check_file(file, flag)
+        if self.config is not None:
+            check_file(self.config, "--json")
+        if self.snapshots is not None:
+            check_directory(self.snapshots, "--snapshots")
+
+    def prepare(self) -> None:
+        """Make the directories that the files need."""
+        for file in (self.recording, self.result, self.config):
+            if file is not None:
+                _make(file.parent)
+        if self.snapshots is not None:
+            _make(self.snapshots)
+
+    def write_result(self, metrics: Mapping[str, Any]) -> None:
+        """The metrics as JSON."""
+        if self.result is not None:
+            write_text(self.result, json.dumps(metrics, indent=2, allow_nan=False) + "\n")
+
+    def write_config(self, scenario: Scenario, versions: Mapping[str, str]) -> None:
+        """The effective scenario, which ``simloop run`` takes again for the same run."""
+        if self.config is not None:
+            write_text(self.config, to_toml(scenario, versions))
+
+
+def choose(
+    out: Path | None, recording: Path | None, snapshots: Path | None, result: Path | None
+) -> Outputs:
+    """What the options ask for: ``--out DIR`` means everything, unless named apart."""
+    if out is not None:
+        check_directory(out, "--out")
+        recording = recording or out / "run.rrd"
+        snapshots = snapshots or out / "snapshots"
+        result = result or out / "result.json"
+        return Outputs(recording, snapshots, result, out / "config.toml")
+    config = result.with_suffix(".config.toml") if result else None
+    return Outputs(recording, snapshots, result, config)
+
+
+def check_file(path: Path, flag: str) -> None:
+    """Raise InputError if a file could not be written there."""
+    if path.is_dir():
+        raise InputError(f"{flag} {path}: is a directory, not a file")
+    if path.exists():
+        if not os.access(path, os.W_OK):
+            raise InputError(f"{flag} {path}: not writable")
+        return
+    _check_place(path.parent, f"{flag} {path}")
+
+
+def check_directory(path: Path, flag: str) -> None:
+    """Raise InputError if files could not be made there, or in the nearest parent that exists."""
+    _check_place(path, f"{flag} {path}")
+
+
+def _check_place(directory: Path, what: str) -> None:
+    place = directory.absolute()
+    while not place.exists() and place != place.parent:
+        place = place.parent
+    if not place.is_dir():
+        raise InputError(f"{what}: {place} is not a directory")
+    try:
+        # Asking for permission is not enough: file systems may be read-only, full or unreal.
+        with tempfile.TemporaryFile(dir=place):
+            pass
+    except OSError as error:
+        raise InputError(f"{what}: not writable: {error.strerror}") from None
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a whole file or none: beside it first, then moved into place.
+
+    Raises InputError, which names the file, where that fails (a full disk, say).
+    """
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        if path.exists() and not path.is_file():
+            path.write_text(text, encoding="utf-8")  # a device or a pipe: nothing to move
+            return
+        partial.write_text(text, encoding="utf-8")
+        partial.replace(path)
+    except OSError as error:
+        partial.unlink(missing_ok=True)
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def _make(directory: Path) -> None:
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{directory}: cannot be made: {error.strerror}") from None
