@@ -131,7 +131,7 @@ class EkfConfig:
     """Process noise as densities (per square root of a second), gates as probabilities."""
 
     speed_walk: Positive = 0.6
-    yaw_rate_walk: Positive = 3.0
+    yaw_rate_walk: Positive = 1.0
     lateral_walk: Positive = 0.01
     gyro_bias_walk: NonNegative = 2.0e-5
     gauge_ratio_walk: NonNegative = 0.01

@@ -61,11 +61,19 @@ def motion_noise(x: FloatArray, dt: float, walk: FloatArray) -> FloatArray:
     A track slips sideways only as the robot turns, so that noise scales with the yaw rate.
     """
     noise = np.zeros((7, 7))
-    aside = (walk[2] * x[RATE]) ** 2 * dt
     cos, sin = math.cos(x[YAW]), math.sin(x[YAW])
-    noise[X, X], noise[Y, Y] = aside * sin * sin, aside * cos * cos
-    noise[X, Y] = noise[Y, X] = -aside * sin * cos
+    along = walk[0] ** 2 * dt**3 / 3.0
+    aside = (walk[2] * x[RATE]) ** 2 * dt
+    noise[X, X] = along * cos * cos + aside * sin * sin
+    noise[Y, Y] = along * sin * sin + aside * cos * cos
+    noise[X, Y] = noise[Y, X] = (along - aside) * sin * cos
+    # White noise in acceleration, integrated over the period: without these cross terms a gyro
+    # reading at the period's end would correct the rate but not the yaw that it has brought.
+    noise[X, SPEED] = noise[SPEED, X] = walk[0] ** 2 * dt**2 / 2.0 * cos
+    noise[Y, SPEED] = noise[SPEED, Y] = walk[0] ** 2 * dt**2 / 2.0 * sin
     noise[SPEED, SPEED] = walk[0] ** 2 * dt
+    noise[YAW, YAW] = walk[1] ** 2 * dt**3 / 3.0
+    noise[YAW, RATE] = noise[RATE, YAW] = walk[1] ** 2 * dt**2 / 2.0
     noise[RATE, RATE] = walk[1] ** 2 * dt
     noise[BIAS, BIAS] = walk[3] ** 2 * dt
     noise[GAUGE, GAUGE] = walk[4] ** 2 * dt
@@ -95,6 +103,16 @@ def wheels_and_gyro_jacobian(x: FloatArray, gauge: float) -> FloatArray:
 def squared_mahalanobis(residual: FloatArray, covariance: FloatArray) -> float:
     """r^T S^-1 r of an innovation (n,) with covariance (n, n)."""
     return float(np.dot(residual, np.linalg.solve(covariance, residual)))
+
+
+@njit(cache=True)
+def wheel_surprise(
+    x: FloatArray, covariance: FloatArray, z: FloatArray, noise: FloatArray, gauge: float
+) -> float:
+    """Squared Mahalanobis distance of the two belt speeds in z (3,), noise (3, 3)."""
+    jacobian = wheels_and_gyro_jacobian(x, gauge)[:2]
+    innovation = jacobian @ covariance @ jacobian.T + noise[:2, :2]
+    return squared_mahalanobis((z - wheels_and_gyro(x, gauge))[:2], innovation)
 
 
 def _pose(x: FloatArray) -> FloatArray:
@@ -212,10 +230,7 @@ class Ekf:
         z = np.array([*wheels, gyro])
         wheel_var = _STATIONARY_STD**2 if self.stationary else self._wheel_var
         noise = np.diag([wheel_var, wheel_var, self._gyro_var])
-        jacobian = wheels_and_gyro_jacobian(kf.x, gauge)
-        innovation = (jacobian @ kf.P @ jacobian.T + noise)[:2, :2]
-        residual = (z - wheels_and_gyro(kf.x, gauge))[:2]
-        if squared_mahalanobis(residual, innovation) > self._wheel_gate:
+        if wheel_surprise(kf.x, kf.P, z, noise, gauge) > self._wheel_gate:
             noise[0, 0] = noise[1, 1] = 1.0  # the belts slip: all but ignore them this time
         kf.update(z, wheels_and_gyro_jacobian, wheels_and_gyro, noise, (gauge,), (gauge,))
         self._keep_proper()

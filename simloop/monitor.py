@@ -14,7 +14,6 @@ from numba import njit
 
 from simloop.config import TrackerConfig, VehicleConfig
 from simloop.messages import FloatArray
-from simloop.se2 import compose, inverse
 
 _STEP_M = 0.02
 _STEP_RAD = 0.04
@@ -28,16 +27,35 @@ def rectangle_distance(x: float, y: float, half_length: float, half_width: float
 
 
 @njit(cache=True)
+def points_in(pose: FloatArray, seen_from: FloatArray, points: FloatArray) -> FloatArray:
+    """(n, 2) points given in the frame ``seen_from`` (3,), expressed in the frame ``pose`` (3,)."""
+    out = np.empty_like(points)
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    dx, dy = seen_from[0] - pose[0], seen_from[1] - pose[1]
+    x, y = cos * dx + sin * dy, cos * dy - sin * dx
+    cos, sin = math.cos(seen_from[2] - pose[2]), math.sin(seen_from[2] - pose[2])
+    for i in range(points.shape[0]):
+        out[i, 0] = x + cos * points[i, 0] - sin * points[i, 1]
+        out[i, 1] = y + sin * points[i, 0] + cos * points[i, 1]
+    return out
+
+
+@njit(cache=True)
 def free_fraction(
-    points: FloatArray, move: FloatArray, half_length: float, half_width: float, margin: float
+    points: FloatArray,
+    ahead: float,
+    turned: float,
+    half_length: float,
+    half_width: float,
+    margin: float,
 ) -> float:
     """How much of a motion is free, 0 to 1, before the footprint comes within ``margin`` of a point.
 
-    points: (n, 2) in base_link now. move: (2,) m ahead and rad turned, along an arc. A point
-    that is within the margin already hinders only a motion that brings it nearer.
+    points: (n, 2) in base_link now. The motion is an arc, ``ahead`` m long and ``turned`` rad
+    round. A point that is within the margin already hinders only what brings it nearer.
     """
-    ahead, turned = move[0], move[1]
     steps = math.ceil(max(abs(ahead) / _STEP_M, abs(turned) / _STEP_RAD))
+    reach = math.hypot(half_length, half_width) + margin + abs(ahead)
     for step in range(1, steps + 1):
         f = step / steps
         yaw = f * turned
@@ -47,14 +65,15 @@ def free_fraction(
             cx, cy = f * ahead, 0.0
         cos, sin = math.cos(yaw), math.sin(yaw)
         for i in range(points.shape[0]):
-            dx, dy = points[i, 0] - cx, points[i, 1] - cy
+            px, py = points[i, 0], points[i, 1]
+            if px * px + py * py > reach * reach:
+                continue
+            dx, dy = px - cx, py - cy
             there = rectangle_distance(
                 cos * dx + sin * dy, cos * dy - sin * dx, half_length, half_width
             )
-            if there < margin:
-                here = rectangle_distance(points[i, 0], points[i, 1], half_length, half_width)
-                if there < here - 1e-6:
-                    return (step - 1) / steps
+            if there < margin and there < rectangle_distance(px, py, half_length, half_width) - 1e-6:
+                return (step - 1) / steps
     return 1.0
 
 
@@ -79,10 +98,9 @@ class CollisionMonitor:
         config = self._config
         braking = abs(speed) / config.max_decel_mps2 + abs(yaw_rate) / config.max_yaw_accel_radps2
         horizon = config.monitor_reaction_s + 0.5 * braking
-        x, y, yaw = compose(inverse(pose), self._pose)
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        points = self._points @ np.array([[cos, sin], [-sin, cos]]) + (x, y)
-        move = np.array([speed * horizon, yaw_rate * horizon])
-        free = free_fraction(points, move, *self._half, config.monitor_margin_m)
+        points = points_in(pose, self._pose, self._points)
+        free = free_fraction(
+            points, speed * horizon, yaw_rate * horizon, *self._half, config.monitor_margin_m
+        )
         # Distance to stop grows at most with the square of the speed: a free part f allows f.
         return (speed, yaw_rate) if free >= 1.0 else (speed * free, yaw_rate * free)

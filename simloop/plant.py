@@ -7,9 +7,11 @@ time, takes motor voltages, and gives truth and ranges to the sensors.
 from __future__ import annotations
 
 import hashlib
+import math
 
 import mujoco
 import numpy as np
+from numba import njit
 
 from simloop.config import Config
 from simloop.messages import FloatArray, Truth
@@ -25,7 +27,7 @@ from simloop.tracks import (
     track_parameters,
 )
 
-_GRAVITY = np.array([0.0, 0.0, 9.81])
+_GRAVITY_MPS2 = 9.81
 
 
 def geom_kinds(model: mujoco.MjModel) -> np.ndarray:
@@ -45,6 +47,28 @@ def geom_kinds(model: mujoco.MjModel) -> np.ndarray:
         for i in range(WHEELS_A_SIDE):
             kinds[model.geom(f"road_{label}_{i}").id] = WHEEL + side * WHEELS_A_SIDE + i
     return kinds
+
+
+@njit(cache=True)
+def body_motion(
+    qpos: FloatArray, qvel: FloatArray, rotation: FloatArray, before: FloatArray, period_s: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Planar pose (3,), velocity in base_link (6,) and mean proper acceleration there (3,).
+
+    qpos, qvel: MuJoCo's, the vehicle's free joint first; rotation: (9,) world_from_base;
+    before: (3,) world velocity one period ago.
+    """
+    pose, velocity, acceleration = np.empty(3), np.empty(6), np.empty(3)
+    w, x, y, z = qpos[3], qpos[4], qpos[5], qpos[6]
+    pose[0], pose[1] = qpos[0], qpos[1]
+    pose[2] = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    for i in range(3):
+        velocity[i], acceleration[i] = 0.0, rotation[6 + i] * _GRAVITY_MPS2
+        velocity[3 + i] = qvel[3 + i]
+        for k in range(3):
+            velocity[i] += rotation[3 * k + i] * qvel[k]
+            acceleration[i] += rotation[3 * k + i] * (qvel[k] - before[k]) / period_s
+    return pose, velocity, acceleration
 
 
 class Plant:
@@ -67,6 +91,8 @@ class Plant:
         self._sprocket_dof = np.array([j.dofadr[0] for j in joints], np.int64)
         self._sprocket_qpos = np.array([j.qposadr[0] for j in joints], np.int64)
         self._base = model.body("base_link").id
+        self._qpos, self._qvel = self.data.qpos, self.data.qvel  # views that stay
+        self._period_s = config.rates.control_s
         self._state = TrackState.zeros()
         self._voltage = np.zeros(2)
         self._body = BodyArrays(
@@ -125,12 +151,12 @@ class Plant:
         self._state.work[:] = 0.0
         self.data.time = 0.0
         self.t_ns, self._contacts, self._touching = 0, 0, False
-        return self.truth(self.data.qvel[:3].copy())
+        return self.truth(self._qvel[:3].copy())
 
     def step(self, voltage_v: FloatArray) -> Truth:
         """Advance one control period under the motor voltages (2,) left, right."""
         self._voltage[:] = voltage_v
-        before = self.data.qvel[:3].copy()
+        before = self._qvel[:3].copy()
         for _ in range(self.substeps):
             self._step()
         self.t_ns += self.substeps * self._dt_ns
@@ -161,21 +187,18 @@ class Plant:
 
         The proper acceleration is the mean over that period, as an averaging sensor has it.
         """
-        data, rotation = self.data, self.data.xmat[self._base].reshape(3, 3)
-        period = self.substeps * self.model.opt.timestep
-        acceleration = rotation.T @ ((data.qvel[:3] - velocity_before) / period + _GRAVITY)
-        w, x, y, z = data.qpos[3:7]
-        yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-        body_velocity = np.concatenate((rotation.T @ data.qvel[:3], data.qvel[3:6]))
+        pose, velocity, acceleration = body_motion(
+            self._qpos, self._qvel, self._body.rotation, velocity_before, self._period_s
+        )
         return Truth(
             t_ns=self.t_ns,
-            pose_xyyaw=np.array([data.qpos[0], data.qpos[1], yaw]),
-            position_m=data.qpos[:3].copy(),
-            quaternion_wxyz=data.qpos[3:7].copy(),
-            velocity_body=body_velocity,
+            pose_xyyaw=pose,
+            position_m=self._qpos[:3].copy(),
+            quaternion_wxyz=self._qpos[3:7].copy(),
+            velocity_body=velocity,
             acceleration_mps2=acceleration,
-            sprocket_rad=data.qpos[self._sprocket_qpos],
-            sprocket_radps=data.qvel[self._sprocket_dof],
+            sprocket_rad=self._qpos[self._sprocket_qpos],
+            sprocket_radps=self._qvel[self._sprocket_dof],
             motor_current_a=self._state.current.copy(),
             motor_voltage_v=self._voltage.copy(),
             energy_j=float(self._state.work[0]),

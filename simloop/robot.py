@@ -30,7 +30,7 @@ from simloop.planners.registry import make_planner
 from simloop.profiler import Profiler
 from simloop.recovery import Recovery
 from simloop.slam_grid import GridSlam
-from simloop.tracker import MotorLoop, Tracker, make_command
+from simloop.tracker import Drive, Tracker
 
 _BLOCKED_SLACK_M = 0.02  # the map's grain: a path is blocked only when it is clearly so
 _HOPELESS_NS = 500_000_000  # between replans for a blockage that the last plan could not avoid
@@ -70,7 +70,7 @@ class Robot:
         self._tracker = Tracker(
             config.tracker, vehicle, safe, mission.goal, mission.goal_tolerance_m, period
         )
-        self._motors = MotorLoop(config.tracker, config.motor, config.encoder, period)
+        self._drive = Drive(config.tracker, config.motor, config.encoder, vehicle, period)
         self._monitor = CollisionMonitor(config.tracker, vehicle)
         self._recovery = Recovery(config.tracker)
         self._trail: deque[Estimate] = deque(maxlen=round(rates.lidar_s / period) + 2)
@@ -199,7 +199,7 @@ class Robot:
         self._say(path)
 
     def _command(self, estimate: Estimate, encoders: EncoderReading) -> TrackCommand:
-        tracker, recovery, config = self._tracker, self._recovery, self._config
+        tracker, recovery = self._tracker, self._recovery
         if recovery.active:
             speed, rate, mode = recovery.velocity(estimate)
             if not recovery.active:
@@ -213,15 +213,7 @@ class Robot:
         if (free_speed, free_rate) != (speed, rate):
             mode = "held"
             tracker.overrule(free_speed, free_rate)
-        return make_command(
-            estimate.t_ns,
-            (free_speed, free_rate, mode),
-            estimate,
-            encoders,
-            self._motors,
-            config.vehicle,
-            config.tracker.max_track_speed_mps,
-        )
+        return self._drive.command((free_speed, free_rate, mode), estimate, encoders)
 
     def _say(self, *messages: Message) -> None:
         self.said.extend(messages)

@@ -66,35 +66,34 @@ def nearest_sample(xy: FloatArray, arc: FloatArray, x: float, y: float, start: i
 
 
 class MotorLoop:
-    """Voltages that make the sprockets turn as asked: the motor's law ahead, counts fed back.
+    """Voltage that makes one sprocket turn as asked: the motor's law ahead, counts fed back.
 
-    The error is kept as an angle (counts asked for less counts come), which is an integral of the
-    speed error that quantisation cannot disturb.
+    The error is kept as an angle (what was asked for less the counts that came), which is an
+    integral of the speed error that quantisation cannot disturb.
     """
 
     def __init__(
         self, config: TrackerConfig, motor: MotorConfig, encoder: EncoderConfig, period_s: float
     ) -> None:
-        self._config, self._motor, self._period_s = config, motor, period_s
+        self._gain, self._limit = config.angle_gain_v_per_rad, config.angle_error_limit_rad
+        self._motor, self._period_s = motor, period_s
         self._rad_a_count = 2.0 * math.pi / encoder.counts_per_turn
-        self._error = np.zeros(2)
-        self._counts: tuple[int, int] | None = None
+        self._error = 0.0
+        self._counts: int | None = None
 
-    def voltages(self, asked_radps: FloatArray, encoders: EncoderReading) -> FloatArray:
-        """(2,) V for the sprocket speeds asked (2,) rad/s."""
-        motor, limit = self._motor, self._config.angle_error_limit_rad
-        counts = (encoders.left_counts, encoders.right_counts)
-        if self._counts is not None:
-            come = np.subtract(counts, self._counts) * self._rad_a_count
-            self._error += asked_radps * self._period_s - come
-            self._error[asked_radps == 0.0] = 0.0
-            np.clip(self._error, -limit, limit, out=self._error)
+    def voltage(self, asked_radps: float, counts: int) -> float:
+        """V for the sprocket speed asked, rad/s, given the encoder's count."""
+        motor, come = self._motor, counts - (counts if self._counts is None else self._counts)
         self._counts = counts
+        if asked_radps == 0.0:
+            self._error = 0.0
+            return 0.0
+        error = self._error + asked_radps * self._period_s - come * self._rad_a_count
+        self._error = min(max(error, -self._limit), self._limit)
         # Gear friction needs its current whenever the sprocket turns.
-        friction_v = motor.resistance_ohm * motor.no_load_current_a * np.sign(asked_radps)
-        volts = motor.back_emf_v_per_radps * asked_radps + friction_v
-        volts = volts + self._config.angle_gain_v_per_rad * self._error
-        return np.clip(volts, -motor.supply_v, motor.supply_v)
+        friction_v = math.copysign(motor.resistance_ohm * motor.no_load_current_a, asked_radps)
+        volts = motor.back_emf_v_per_radps * asked_radps + friction_v + self._gain * self._error
+        return min(max(volts, -motor.supply_v), motor.supply_v)
 
 
 class Tracker:
@@ -213,30 +212,43 @@ class Tracker:
 
 def sprocket_speeds(
     speed: float, yaw_rate: float, gauge_ratio: float, vehicle: VehicleConfig, most_mps: float
-) -> FloatArray:
-    """(2,) left, right sprocket speeds, rad/s, that give a body velocity in spite of slip.
+) -> tuple[float, float]:
+    """Left and right sprocket speeds, rad/s, that give a body velocity in spite of slip.
 
     Where a track would be faster than ``most_mps``, both are scaled: the path's curvature is kept.
     """
     half = 0.5 * gauge_ratio * vehicle.gauge_m * yaw_rate
-    tracks = np.array([speed - half, speed + half])
-    fastest = np.abs(tracks).max()
-    if fastest > most_mps:
-        tracks *= most_mps / fastest
-    return tracks / vehicle.sprocket_radius_m
+    left, right = speed - half, speed + half
+    scale = min(1.0, most_mps / max(abs(left), abs(right), 1e-9)) / vehicle.sprocket_radius_m
+    return left * scale, right * scale
 
 
-def make_command(
-    t_ns: int,
-    velocity: tuple[float, float, str],
-    estimate: Estimate,
-    encoders: EncoderReading,
-    loop: MotorLoop,
-    vehicle: VehicleConfig,
-    most_mps: float,
-) -> TrackCommand:
-    """The motors' voltages for a body velocity."""
-    speed, rate, mode = velocity
-    gauge_ratio = float(np.clip(estimate.state[GAUGE], 1.0, 2.0))
-    asked = sprocket_speeds(speed, rate, gauge_ratio, vehicle, most_mps)
-    return TrackCommand(t_ns, speed, rate, asked, loop.voltages(asked, encoders), mode)
+class Drive:
+    """From a body velocity to both motors' voltages, with the slip that the filter has learnt."""
+
+    def __init__(
+        self,
+        config: TrackerConfig,
+        motor: MotorConfig,
+        encoder: EncoderConfig,
+        vehicle: VehicleConfig,
+        period_s: float,
+    ) -> None:
+        self._vehicle, self._most_mps = vehicle, config.max_track_speed_mps
+        self._left = MotorLoop(config, motor, encoder, period_s)
+        self._right = MotorLoop(config, motor, encoder, period_s)
+
+    def command(
+        self, velocity: tuple[float, float, str], estimate: Estimate, encoders: EncoderReading
+    ) -> TrackCommand:
+        """The command for a speed, m/s, a yaw rate, rad/s, and the mode they came from."""
+        speed, rate, mode = velocity
+        gauge_ratio = min(max(float(estimate.state[GAUGE]), 1.0), 2.0)
+        left, right = sprocket_speeds(speed, rate, gauge_ratio, self._vehicle, self._most_mps)
+        volts = (
+            self._left.voltage(left, encoders.left_counts),
+            self._right.voltage(right, encoders.right_counts),
+        )
+        return TrackCommand(
+            estimate.t_ns, speed, rate, np.array((left, right)), np.array(volts), mode
+        )
