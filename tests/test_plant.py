@@ -1,0 +1,71 @@
+"""The plant: rest, rays, contacts, and the digest of its state."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from vehicles import plant_on_plane
+
+from simloop.arena import build
+from simloop.config import Config
+from simloop.obstacles import Obstacle
+from simloop.plant import Plant
+
+WALL = Obstacle(shape="box", position_m=(1.0, 0.0), size_m=(0.1, 2.0))
+
+
+def test_at_rest_it_stands_still_and_level():
+    plant = plant_on_plane()
+    truth = plant.step(np.zeros(2))
+    assert np.abs(truth.velocity_body).max() < 1e-5
+    assert abs(truth.position_m[2]) < 1e-3
+    assert truth.acceleration_mps2 == pytest.approx([0, 0, 9.81], abs=1e-2)
+    assert plant.tracks.load.sum() == pytest.approx(98.1, rel=1e-3)
+    assert truth.energy_j == 0.0
+
+
+def test_the_same_commands_give_the_same_bits_and_others_do_not():
+    hashes = []
+    for volts in (9.0, 9.0, 9.0000001):
+        plant = plant_on_plane()
+        for k in range(50):
+            plant.step(np.array([volts, volts - 0.1 * k]))
+        hashes.append(plant.state_hash())
+    assert hashes[0] == hashes[1] != hashes[2]
+
+
+def test_rays_measure_the_walls_and_not_the_robot():
+    plant = Plant(build("open", [WALL]), Config())
+    plant.reset(np.zeros(3))
+    angles = np.linspace(-np.pi, np.pi, 73)[:-1]
+    directions = np.column_stack((np.cos(angles), np.sin(angles), np.zeros_like(angles)))
+    origins = np.tile(plant.base_from_laser, (72, 1))
+    ranges = plant.cast(origins, directions, 50.0)
+    assert np.all((ranges > 0.4) | (ranges == -1.0))
+    assert np.any(ranges > 0.0)
+    ahead = plant.cast(origins + [0.5, 0, 0], directions, 50.0)
+    assert ranges[36] - ahead[36] == pytest.approx(0.5, abs=1e-6)
+    assert np.all(plant.cast(origins, directions, 0.3) == -1.0)
+
+
+def test_driving_into_a_wall_is_counted_and_stops_the_robot():
+    plant = Plant(build("open", [WALL]), Config())
+    plant.reset(np.zeros(3))
+    for _ in range(1000):
+        truth = plant.step(np.array([20.0, 20.0]))
+        if truth.contact_count:
+            break
+    assert truth.contact_count == 1
+    assert truth.in_contact
+    x = truth.pose_xyyaw[0]
+    for _ in range(100):
+        truth = plant.step(np.array([20.0, 20.0]))
+    assert truth.pose_xyyaw[0] - x < 0.05
+
+
+def test_the_accelerometer_sees_the_speed_change_and_gravity():
+    plant, total = plant_on_plane(), 0.0
+    for _ in range(50):
+        truth = plant.step(np.array([15.0, 15.0]))
+        total += truth.acceleration_mps2[0] * 0.01
+    assert total == pytest.approx(truth.velocity_body[0], rel=1e-3)

@@ -1,0 +1,149 @@
+"""The tracks against closed forms, and the compiled brush against its plain twin."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import brentq
+from vehicles import plant_on_plane
+
+from simloop.config import Config, MotorConfig, RatesConfig, TracksConfig, VehicleConfig
+from simloop.tracks import brush_force, motor_current, track_parameters
+
+VEHICLE = VehicleConfig()
+WEIGHT_N = 98.1
+
+
+def spin_ratio_closed_form(length: float, gauge: float) -> float:
+    """chi of an evenly loaded narrow track that turns on the spot: B F = 2 m."""
+
+    def imbalance(a: float) -> float:
+        root = math.sqrt(a * a + length * length / 4)
+        log = math.asinh(length / (2 * a))
+        thrust = 2 * a * log
+        moment = length / 2 * root - a * a * log
+        return gauge * thrust - 2 * moment
+
+    a = brentq(imbalance, 1e-6, 10.0)
+    return gauge / (gauge + 2 * a)
+
+
+def drive(plant, volts, seconds):
+    """The truth after ``seconds`` under constant voltages."""
+    truth = None
+    for _ in range(round(seconds / 0.01)):
+        truth = plant.step(np.array(volts, float))
+    return truth
+
+
+def spin_ratio(truth):
+    """chi: yaw rate over what the belts' speeds would give without slip."""
+    left, right = truth.sprocket_radps
+    belts = VEHICLE.sprocket_radius_m * (right - left)
+    return truth.velocity_body[5] * VEHICLE.gauge_m / belts
+
+
+@pytest.mark.parametrize(("friction", "volts"), [(0.4, 6.0), (0.6, 12.0), (0.9, 22.0)])
+def test_spin_on_the_spot_has_the_closed_forms_ratio(friction, volts):
+    plant = plant_on_plane(Config(tracks=TracksConfig(friction=friction)))
+    truth = drive(plant, (-volts, volts), 3.0)
+    assert spin_ratio(truth) == pytest.approx(
+        spin_ratio_closed_form(VEHICLE.contact_length_m, VEHICLE.gauge_m), rel=0.005
+    )
+    assert np.hypot(*truth.pose_xyyaw[:2]) < 0.002
+
+
+@pytest.mark.parametrize("step_s", [0.001, 0.002, 0.005])
+def test_spin_does_not_depend_on_the_step(step_s):
+    plant = plant_on_plane(Config(rates=RatesConfig(physics_s=step_s)))
+    truth = drive(plant, (-12.0, 12.0), 2.0)
+    assert spin_ratio(truth) == pytest.approx(0.811, rel=0.01)
+
+
+def test_straight_ahead_the_belt_carries_the_robot_without_slip():
+    truth = drive(plant_on_plane(), (12.0, 12.0), 2.0)
+    belt = truth.sprocket_radps * VEHICLE.sprocket_radius_m
+    assert truth.velocity_body[0] == pytest.approx(belt.mean(), rel=1e-3)
+    assert abs(truth.pose_xyyaw[1]) < 1e-3
+
+
+def test_no_load_and_rated_speed_are_the_motors_own():
+    p = track_parameters(TracksConfig(), MotorConfig(), VEHICLE, 0.002)
+    assert motor_current(24.0, 143 * 2 * math.pi / 60, p) == pytest.approx(0.5, rel=0.01)
+    assert motor_current(24.0, 0.0, p) == 5.0
+    assert motor_current(-24.0, 0.0, p) == -5.0
+
+
+def test_drawbar_is_limited_by_friction():
+    """At full voltage against a wall of force the robot slips: thrust is mu W less the drag."""
+    plant = plant_on_plane(Config(tracks=TracksConfig(friction=0.5)))
+    plant.data.qfrc_applied[0] = 0.0
+    for _ in range(200):
+        plant.data.qvel[0] = 0.0  # held by an immovable rope
+        truth = plant.step(np.array([24.0, 24.0]))
+    pull = plant.tracks.track_force.sum()
+    assert pull == pytest.approx(0.5 * WEIGHT_N, rel=0.02)
+    assert truth.sprocket_radps.min() > 1.0
+
+
+@pytest.mark.parametrize("friction", [0.4, 0.7])
+def test_braked_on_a_slope_it_creeps_less_than_a_millimetre_a_second(friction):
+    pitch = min(0.5 * math.atan(friction), 0.25)  # beyond, the unpowered gears give way
+    plant = plant_on_plane(Config(tracks=TracksConfig(friction=friction)), pitch)
+    before = drive(plant, (0.0, 0.0), 1.0).pose_xyyaw.copy()
+    after = drive(plant, (0.0, 0.0), 2.0).pose_xyyaw
+    assert np.hypot(*(after - before)[:2]) / 2.0 < 1e-3
+
+
+def test_beyond_the_friction_angle_it_slides():
+    plant = plant_on_plane(Config(tracks=TracksConfig(friction=0.3)), 1.3 * math.atan(0.3))
+    assert drive(plant, (0.0, 0.0), 1.0).pose_xyyaw[0] < -0.1
+
+
+def test_electrical_work_is_accounted_for():
+    """Copper loss + gear friction + shear work + kinetic energy make up what the battery gave."""
+    plant, motor = plant_on_plane(), MotorConfig()
+    copper = friction = 0.0
+    for k in range(300):
+        volts = np.array([10.0 + 6 * math.sin(0.03 * k), 8.0 - 5 * math.sin(0.05 * k)])
+        truth = plant.step(volts)
+        current, speed = truth.motor_current_a, truth.sprocket_radps
+        back_emf_gap = motor.back_emf_v_per_radps - motor.torque_nm_per_a
+        copper += (current**2 * motor.resistance_ohm + back_emf_gap * current * speed).sum() * 0.01
+        gear = plant.model.dof_frictionloss[plant.model.joint("sprocket_left_joint").dofadr[0]]
+        friction += gear * np.abs(speed).sum() * 0.01
+    kinetic = 0.5 * 10 * truth.velocity_body[0] ** 2
+    kinetic += 0.5 * 0.28 * truth.velocity_body[5] ** 2 + 0.5 * 0.02 * (speed**2).sum()
+    spent = copper + friction + plant.tracks.work[1] + kinetic
+    assert spent == pytest.approx(truth.energy_j, rel=0.02)
+
+
+def brush_twin(z, slip, load, p):
+    """The brush in plain numpy."""
+    z = z + slip * p.dt
+    if np.linalg.norm(z) > p.shear_modulus:
+        z = z * p.shear_modulus / np.linalg.norm(z)
+    force = -(p.friction * load / p.shear_modulus) * (z + p.shear_damping * slip)
+    most = p.friction * load
+    size = np.linalg.norm(force)
+    return z, force * most / size if size > most else force
+
+
+vectors = st.tuples(*[st.floats(-2.0, 2.0)] * 3).map(np.array)
+
+
+@given(vectors, vectors, st.floats(0.0, 200.0))
+@settings(max_examples=200, deadline=None)
+def test_the_compiled_brush_is_its_plain_twin(z, slip, load):
+    p = track_parameters(TracksConfig(), MotorConfig(), VEHICLE, 0.002)
+    start = z * p.shear_modulus
+    expected_z, expected = brush_twin(start.copy(), slip, load, p)
+    moved = start.copy()
+    force = np.array(brush_force(moved, slip, load, p))
+    np.testing.assert_allclose(moved, expected_z, atol=1e-12)
+    np.testing.assert_allclose(force, expected, atol=1e-9)
+    assert np.linalg.norm(force) <= p.friction * load * (1 + 1e-9)
