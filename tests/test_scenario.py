@@ -1,0 +1,250 @@
+"""Scenarios: read strictly, overridden by dotted keys, refused in one line, written back whole."""
+
+from __future__ import annotations
+
+import string
+from dataclasses import fields, is_dataclass
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from simloop.catalog import arena_files, planner_names, scenario_facts, scenario_files
+from simloop.errors import InputError
+from simloop.scenario import Scenario, apply_override, from_table, load, to_toml
+from simloop.world import build_world, nearest
+
+MINIMAL = 'arena = "open"\nstart = [0, 0, 0]\ngoal = [1, 2]\n'
+
+
+def write(directory, text, name="mine.toml"):
+    path = directory / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def error_of(*args, **kwargs):
+    with pytest.raises(InputError) as caught:
+        load(*args, **kwargs)
+    text = str(caught.value)
+    assert "\n" not in text
+    return text
+
+
+@pytest.mark.parametrize("name", scenario_files())
+def test_every_scenario_loads_builds_and_survives_being_written(name, tmp_path):
+    scenario = load(name)
+    assert scenario.name == name and scenario_facts(scenario_files()[name])["title"]
+    world = build_world(scenario)
+    ends = np.array([scenario.start[:2], scenario.goal])
+    assert np.all(world.floor.clearance_m(ends) >= scenario.config.vehicle.footprint_radius_m)
+    saved = write(tmp_path, to_toml(scenario, {"simloop": "0.1.0"}), "other_name.toml")
+    assert load(saved) == scenario
+
+
+def test_overrides_seed_and_planner_reach_every_part():
+    scenario = load(
+        "experiment",
+        [
+            "goal=[3.0, 2.5]",
+            "start.2=1.5",
+            "planner.penalty=30",
+            "rates.lidar_s = 0.2",
+            "title=short",
+            'description="two words"',
+            "planner.precise=true",
+            "clutter.count=3",
+            "obstacles=[{shape='box', position_m=[1, 1], size_m=[0.2, 0.3]}]",
+            "obstacles.0.yaw_rad=0.5",
+        ],
+        seed=7,
+        planner="tlbo",
+    )
+    assert scenario.goal == (3.0, 2.5) and scenario.start == (0.0, 0.0, 1.5)
+    assert scenario.config.planner.penalty == 30.0 and scenario.config.planner.precise is True
+    assert scenario.config.rates.lidar_s == 0.2 and scenario.seed == 7
+    assert (scenario.title, scenario.description) == ("short", "two words")
+    assert scenario.clutter is not None and scenario.clutter.count == 3
+    assert scenario.obstacles[0].yaw_rad == 0.5
+
+
+def all_keys():
+    """(key, value) of every leaf of the effective configuration."""
+    scenario = load("clutter")
+    for field in fields(Scenario):
+        value = getattr(scenario, field.name)
+        if field.name == "config":
+            for section in fields(value):
+                table = getattr(value, section.name)
+                for item in fields(table):
+                    yield f"{section.name}.{item.name}", getattr(table, item.name)
+        elif not is_dataclass(value):
+            yield field.name, value
+    yield "clutter.count", 5
+
+
+@pytest.mark.parametrize(("key", "value"), list(all_keys()), ids=lambda item: str(item)[:40])
+def test_set_reaches_every_key_and_refuses_what_it_cannot_be(key, value):
+    text = '"x"' if isinstance(value, str) else "{}"
+    if isinstance(value, str):
+        text = f'"{value}"'
+    elif isinstance(value, bool):
+        text = str(value).lower()
+    elif isinstance(value, tuple):
+        text = str(list(value))
+    else:
+        text = repr(value)
+    assert load("clutter", [f"{key}={text}"]) == load("clutter", ["clutter.count=5"]
+                                                      if key == "clutter.count" else [])  # fmt: skip
+    assert key.split(".")[-1] in error_of("clutter", [f"{key}={{nonsense = 1}}"])
+
+
+@pytest.mark.parametrize(
+    ("override", "expected"),
+    [
+        ("planner.penalti=3", "planner.penalti: unknown key (did you mean 'penalty'?); choices:"),
+        ("planer.name=tlbo", "unknown key 'planer' (did you mean 'planner'?); choices: arena"),
+        ("clutter.cont=3", "did you mean 'count'?"),
+        ("config.rates=1", "unknown key 'config'"),
+        ("planner.penalty='30'", 'planner.penalty: must be a valid number, not "30"'),
+        ("planner.penalty=true", "planner.penalty: must be a valid number, not true"),
+        ("planner.learners=10.5", "planner.learners: must be a valid integer"),
+        ("planner=3", "planner: must be a table, not 3"),
+        ("goal=[1.0, nan]", "goal.1: must be a finite number, not nan"),
+        ("goal=[-inf, 1.0]", "goal.0: must be a finite number, not -inf"),
+        ("goal=[1.0]", "goal: too few values, 1 given"),
+        ("goal=[1.0, 2.0, 3.0]", "goal"),
+        ("goal=3", "goal: must be a list, not 3"),
+        ("goal.2=3", "goal.2: index must be 0 to 1"),
+        ("goal=[1,", "not a TOML value"),
+        ("goal", "write it as key=value"),
+        ("=3", "write it as key=value"),
+        ("arena=3\ngoal=[1,2]", "one value at a time"),
+        ("name.x=3", "name is a value, not a table"),
+        ("rates.lidar_s=-0.1", "rates.lidar_s: must be greater than 0, not -0.1"),
+        ("rates.lidar_s=0.025", "rates.lidar_s = 0.025 s is not a whole multiple of"),
+        ("arena=opn", "unknown arena 'opn' (did you mean 'open'?); choices: clutter,"),
+        ("arena=none.xml", "arena: no such file"),
+        ("planner.name=tlb", "unknown planner 'tlb' (did you mean 'tlbo'?); choices: tlbo"),
+        ("seed=-1", "seed: must be greater than or equal to 0, not -1"),
+        ("time_limit_s=1" + "0" * 400, "time_limit_s: must be a finite number"),
+        ("time_limit_s=1" + "0" * 5000, "not a TOML value"),
+        ("goal=" + "[" * 5000, "not a TOML value"),
+        ("obstacles=[{shape='cone', position_m=[1,1]}]", "obstacles.0.shape: must be 'box'"),
+        ("obstacles=[{shape='box', position_m=[1,1]}]", "obstacles.0: size_m of a box is"),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line(override, expected):
+    assert expected in error_of("experiment", [override])
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("experimnt", "unknown scenario 'experimnt' (did you mean 'experiment'?); choices: clutter"),
+        ("missing/file.toml", "missing/file.toml: no such file"),
+        ("missing.toml", "missing.toml: no such file"),
+        ("", "unknown scenario ''"),
+        ("..", "unknown scenario '..'"),
+    ],
+)
+def test_a_scenario_that_is_not_there(name, expected):
+    assert expected in error_of(name)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("goal = [1, 2\nx = 3", "mine.toml: not valid TOML"),
+        ("arena = \"open\"\nstart = [0, 0, 0]\n", "mine.toml: goal: this key is required"),
+        (MINIMAL + "[planer]\n", "mine.toml: unknown key 'planer'"),
+        (MINIMAL + "goal = [1, 2]\n", "line 4"),
+        (MINIMAL + "[rates]\nlidar_s = 1979-05-27\n", "rates.lidar_s: must be a valid number"),
+    ],
+)  # fmt: skip
+def test_a_file_that_is_wrong_is_named(tmp_path, text, expected):
+    assert expected in error_of(write(tmp_path, text))
+
+
+def test_files_that_are_no_text_or_no_file(tmp_path):
+    binary = tmp_path / "binary.toml"
+    binary.write_bytes(b"\xff\xfe\x00")
+    assert "not a text file" in error_of(binary)
+    (tmp_path / "folder.toml").mkdir()
+    assert "is a directory" in error_of(tmp_path / "folder.toml")
+
+
+def test_an_arena_of_ones_own_is_found_beside_the_scenario(tmp_path):
+    (tmp_path / "room.xml").write_text(arena_files()["open"].read_text())
+    (tmp_path / "assets").mkdir()
+    for file in (arena_files()["open"].parent / "assets").iterdir():
+        (tmp_path / "assets" / file.name).write_bytes(file.read_bytes())
+    scenario = load(write(tmp_path, MINIMAL.replace('"open"', '"room.xml"')))
+    assert scenario.arena == str(tmp_path / "room.xml") and scenario.name == "mine"
+    assert build_world(scenario).floor.contains([0.0, 0.0])
+
+
+NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
+TEXT = st.text(alphabet=string.printable + "äß€\x7f\x00\u2028😀", max_size=30)
+
+
+@given(title=TEXT, goal=st.tuples(NUMBERS, NUMBERS), seed=st.integers(0, 2**63 - 1))
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_whatever_a_scenario_holds_survives_being_written(tmp_path, title, goal, seed):
+    table = {"name": "x", "arena": "open", "start": [0.0, 0.0, 0.0], "goal": list(goal)}
+    scenario = from_table(table | {"title": title, "seed": seed}, source="test")
+    assert load(write(tmp_path, to_toml(scenario))) == scenario
+
+
+@given(st.text(max_size=40))
+def test_no_override_does_anything_but_apply_or_be_refused(text):
+    try:
+        load("open", [text])
+    except InputError as error:
+        assert "\n" not in str(error)
+
+
+def test_overriding_leaves_other_keys_alone():
+    table = {"planner": {"penalty": 1.0, "name": "tlbo"}}
+    apply_override(table, "planner.penalty=2")
+    assert table == {"planner": {"penalty": 2, "name": "tlbo"}}
+
+
+@pytest.mark.parametrize(
+    ("name", "override", "expected"),
+    [
+        ("experiment", "goal=[9.0, 9.0]", "goal (9, 9) is outside the arena: x -0.65 to 4.35"),
+        ("experiment", "start=[-9.0, 0.0, 0.0]", "start (-9, 0) is outside the arena"),
+        ("experiment", "goal=[2.05, 0.55]", "goal (2.05, 0.55) is inside obstacle_02"),
+        ("experiment", "goal=[4.2, 2.0]", "m from wall_east; the robot needs 0.25 m"),
+        ("experiment", "start=[4.06, 1.95, 0.785]", "outline touches wall_east"),
+        ("corridor", "goal=[0.0, 3.0]", "goal (0, 3) is walled off from the start"),
+        ("clutter", "goal=[-9.0, 1.0]", "goal (-9, 1) is outside the arena"),
+        ("clutter", "goal=[4.3, 4.4]", "inside the walls"),
+    ],
+)
+def test_a_start_or_goal_that_cannot_be_stood_on_is_refused(name, override, expected):
+    with pytest.raises(InputError) as caught:
+        build_world(load(name, [override]))
+    assert expected in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_clutter_is_drawn_from_the_seed_alone():
+    def outlines(seed):
+        sections = build_world(load("clutter", seed=seed)).floor.sections
+        return np.concatenate([section.vertices_m for section in sections])
+
+    assert np.array_equal(outlines(3), outlines(3))
+    assert outlines(3).shape != outlines(4).shape or not np.array_equal(outlines(3), outlines(4))
+
+
+def test_nearest_names_what_stands_there():
+    floor = build_world(load("experiment")).floor
+    distance, name = nearest(floor, np.array([2.05, 0.55 + 0.19 + 0.05]))
+    assert name == "obstacle_02_drum" and distance == pytest.approx(0.05, abs=1e-9)
+
+
+def test_every_planner_named_can_be_chosen():
+    for name in planner_names():
+        assert load("open", planner=name).config.planner.name == name
