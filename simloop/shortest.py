@@ -66,8 +66,11 @@ def shortest_path(
     start or goal is itself nearer to an obstacle than the radius.
     """
     ends = np.array([start_m[:2], goal_m[:2]], dtype=np.float64)
-    if np.any(plan.clearance_m(ends) < radius_m - _SLACK_M):
+    free_m = float(plan.clearance_m(ends).min())
+    if free_m < radius_m - _SLACK_M:
         return None
+    # An end a hair inside a swollen outline has no tangents: shrink by that hair.
+    radius_m = min(radius_m, free_m - 0.1 * _SLACK_M)
     if np.array_equal(ends[0], ends[1]):
         return ShortestPath(0.0, ends)
     circles = _circles(plan, ends, radius_m)
@@ -134,9 +137,11 @@ def _tangents(
     apart = circles.centre_m[head] - circles.centre_m[tail]
     distance = np.hypot(apart[:, 0], apart[:, 1])
     offset = tail_sense * circles.radius_m[tail] - head_sense * circles.radius_m[head]
-    keep = distance > np.abs(offset) + 1e-12
+    # Circles that just touch from within (a start on an arc, say) have a tangent of no length.
+    keep = (distance > 0.0) & (distance > np.abs(offset) - _SLACK_M)
     tail, head, apart = tail[keep], head[keep], apart[keep]
-    heading = np.arctan2(apart[:, 1], apart[:, 0]) + np.arcsin(offset[keep] / distance[keep])
+    lean = np.arcsin(np.clip(offset[keep] / distance[keep], -1.0, 1.0))
+    heading = np.arctan2(apart[:, 1], apart[:, 0]) + lean
     right = np.stack([np.sin(heading), -np.cos(heading)], axis=1)
     ends = []
     keep = np.ones(len(tail), dtype=bool)

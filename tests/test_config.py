@@ -24,7 +24,7 @@ def test_defaults_are_valid_and_sections_cannot_be_changed():
 def test_whole_multiples_of_the_control_period_are_taken(name, factor, control_s):
     rates = RatesConfig(
         **({"physics_s": control_s, "control_s": control_s}
-           | {key: control_s for key in SLOW[1:]} | {name: factor * control_s})
+           | dict.fromkeys(SLOW[1:], control_s) | {name: factor * control_s})
     )  # fmt: skip
     assert to_ns(getattr(rates, name)) == factor * to_ns(control_s)
 

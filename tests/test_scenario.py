@@ -95,8 +95,8 @@ def test_set_reaches_every_key_and_refuses_what_it_cannot_be(key, value):
         text = str(list(value))
     else:
         text = repr(value)
-    assert load("clutter", [f"{key}={text}"]) == load("clutter", ["clutter.count=5"]
-                                                      if key == "clutter.count" else [])  # fmt: skip
+    expected = load("clutter", ["clutter.count=5"] if key == "clutter.count" else [])
+    assert load("clutter", [f"{key}={text}"]) == expected
     assert key.split(".")[-1] in error_of("clutter", [f"{key}={{nonsense = 1}}"])
 
 
@@ -142,7 +142,7 @@ def test_what_is_wrong_is_said_in_one_line(override, expected):
 @pytest.mark.parametrize(
     ("name", "expected"),
     [
-        ("experimnt", "unknown scenario 'experimnt' (did you mean 'experiment'?); choices: clutter"),
+        ("experimnt", "unknown scenario 'experimnt' (did you mean 'experiment'?); choices:"),
         ("missing/file.toml", "missing/file.toml: no such file"),
         ("missing.toml", "missing.toml: no such file"),
         ("", "unknown scenario ''"),
