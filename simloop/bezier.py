@@ -37,8 +37,7 @@ def corner_controls(a: FloatArray, corner: FloatArray, b: FloatArray, d: float) 
     back, ahead = a - corner, b - corner
     back /= math.hypot(back[0], back[1])
     ahead /= math.hypot(ahead[0], ahead[1])
-    half = 0.5 * (math.pi - math.acos(min(1.0, max(-1.0, back[0] * ahead[0] + back[1] * ahead[1]))))
-    h, k = _C3 * d, 6.0 * _C3 * math.cos(half) / (_C2 + 4.0) * d
+    h = _C3 * d
     g = _C2 * h
     out = np.empty((8, 2))
     for i in range(2):
@@ -48,11 +47,8 @@ def corner_controls(a: FloatArray, corner: FloatArray, b: FloatArray, d: float) 
         out[7, i] = corner[i] + d * ahead[i]
         out[6, i] = out[7, i] - g * ahead[i]
         out[5, i] = out[6, i] - h * ahead[i]
-    across = out[5] - out[2]
-    across /= max(1e-12, math.hypot(across[0], across[1]))
-    for i in range(2):
-        out[3, i] = out[2, i] + k * across[i]
-        out[4, i] = out[5, i] - k * across[i]
+    for i in range(2):  # by symmetry the two meet half way
+        out[3, i] = out[4, i] = 0.5 * (out[2, i] + out[5, i])
     return out
 
 

@@ -130,7 +130,7 @@ class LidarConfig:
 class EkfConfig:
     """Process noise as densities (per square root of a second), gates as probabilities."""
 
-    speed_walk: Positive = 0.6
+    speed_walk: Positive = 0.1
     yaw_rate_walk: Positive = 1.0
     lateral_walk: Positive = 0.01
     gyro_bias_walk: NonNegative = 2.0e-5

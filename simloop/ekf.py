@@ -26,6 +26,7 @@ from simloop.se2 import wrap_angle
 X, Y, YAW, SPEED, RATE, BIAS, GAUGE = range(7)
 _STATIONARY_STD = 1e-3  # m/s, of a sprocket that has not moved one count for a while
 _STATIONARY_NS = 200_000_000
+_STATIONARY_RADPS = 0.02  # a gyro that says more, its bias taken off, says that it turns
 _REJECTIONS_BEFORE_TRUST = 5
 
 
@@ -167,12 +168,12 @@ class Ekf:
         self._filter.P = np.diag(np.square(deviations))
         self._t_ns = 0
         self._last: EncoderReading | None = None
-        self._moved_ns = -_STATIONARY_NS
+        self._moved_ns = 0
         self._rejected = 0
 
     @property
     def stationary(self) -> bool:
-        """Whether no sprocket has moved for a while."""
+        """Whether no sprocket has moved nor the gyro turned for a while."""
         return self._t_ns - self._moved_ns >= _STATIONARY_NS
 
     def estimate(self) -> Estimate:
@@ -184,6 +185,8 @@ class Ekf:
         dt = (encoders.t_ns - self._t_ns) * 1e-9 if self._last else self._period_s
         self._t_ns = encoders.t_ns
         wheels = self._wheel_speeds(encoders, dt)
+        if abs(imu.gyro_radps[2] - self._filter.x[BIAS]) > _STATIONARY_RADPS:
+            self._moved_ns = encoders.t_ns
         self._predict(0.0 if self.stationary else float(imu.accel_mps2[0]), dt)
         self._correct_wheels(wheels, float(imu.gyro_radps[2]))
         return self.estimate()
@@ -231,7 +234,7 @@ class Ekf:
         wheel_var = _STATIONARY_STD**2 if self.stationary else self._wheel_var
         noise = np.diag([wheel_var, wheel_var, self._gyro_var])
         if wheel_surprise(kf.x, kf.P, z, noise, gauge) > self._wheel_gate:
-            noise[0, 0] = noise[1, 1] = 1.0  # the belts slip: all but ignore them this time
+            noise[0, 0] = noise[1, 1] = 100.0  # the belts slip: all but ignore them this time
         kf.update(z, wheels_and_gyro_jacobian, wheels_and_gyro, noise, (gauge,), (gauge,))
         self._keep_proper()
 

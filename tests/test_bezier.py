@@ -1,0 +1,123 @@
+"""The smoother: continuous curvature, the start's heading, and clearance never given up."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from simloop.bezier import C4, Smoother, corner_controls, cubic_sample
+from simloop.config import SmootherConfig, VehicleConfig
+from simloop.messages import Plan, WorldView
+
+VEHICLE, SAFE = VehicleConfig(), 0.26
+
+
+def view_of(discs=(), size=6.0, resolution=0.05):
+    """A view whose field is the exact distance to discs (x, y, r)."""
+    n = round(size / resolution)
+    centres = -size / 2 + resolution * (np.arange(n) + 0.5)
+    x, y = np.meshgrid(centres, centres)
+    distance = np.full((n, n), 10.0)
+    for cx, cy, r in discs:
+        distance = np.minimum(distance, np.maximum(0.0, np.hypot(x - cx, y - cy) - r))
+    origin = np.array([-size / 2, -size / 2])
+    bounds = np.array([-size / 2, -size / 2, size / 2, size / 2])
+    return WorldView(
+        0, origin, resolution, distance.astype(np.float32), np.zeros((0, 3)), bounds
+    )
+
+
+def plan_of(points):
+    return Plan(0, np.array(points, float), 0.0, 0.0, 0.0, True, 0, 0, "test")
+
+
+def smooth(points, pose, view=None):
+    smoother = Smoother(SmootherConfig(), VEHICLE, SAFE)
+    return smoother.smooth(plan_of(points), view or view_of(), np.array(pose, float))
+
+
+turns = st.floats(-2.2, 2.2).filter(lambda turn: abs(turn) > 0.05)
+
+
+@given(turns, st.floats(0.05, 1.0))
+@settings(max_examples=60, deadline=None)
+def test_a_corner_joins_with_equal_tangent_and_curvature(turn, cut):
+    corner = np.zeros(2)
+    a, b = np.array([-2.0, 0.0]), 2.0 * np.array([math.cos(turn), math.sin(turn)])
+    controls = corner_controls(a, corner, b, cut)
+    rows = np.empty((4, 4))
+    for row, (half, t) in zip(rows, [(0, 0.0), (0, 1.0), (1, 0.0), (1, 1.0)], strict=True):
+        cubic_sample(controls[4 * half : 4 * half + 4], t, row)
+    start, left, right, end = rows
+    np.testing.assert_allclose(start, [-cut, 0.0, 0.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(end[2:], [turn, 0.0], atol=1e-7)
+    np.testing.assert_allclose(left, right, atol=1e-6)
+    sharpest = C4 * math.sin(abs(turn) / 2) / (cut * math.cos(turn / 2) ** 2)
+    assert abs(left[3]) == pytest.approx(sharpest, rel=1e-3)
+
+
+@given(st.lists(st.tuples(st.floats(0.4, 1.2), st.floats(-1.2, 1.2)), min_size=2, max_size=5))
+@settings(max_examples=40, deadline=None)
+def test_yaw_and_curvature_are_those_of_the_points(legs):
+    points, heading = [np.array([-2.5, 0.0])], 0.0
+    for length, turn in legs:
+        heading = min(1.5, max(-1.5, heading + turn))
+        points.append(points[-1] + length * np.array([math.cos(heading), math.sin(heading)]))
+    first = points[1] - points[0]
+    path = smooth(points, (*points[0], math.atan2(first[1], first[0])))
+    steps = np.diff(path.xy_m, axis=0)
+    chords = np.arctan2(steps[:, 1], steps[:, 0])
+    middles = 0.5 * (path.yaw_rad[1:] + path.yaw_rad[:-1])
+    gentle = np.abs(np.diff(path.yaw_rad)) < 0.2
+    off = np.angle(np.exp(1j * (chords - middles)))
+    assert np.abs(off[gentle]).max() < 0.03
+    np.testing.assert_allclose(path.xy_m[0], points[0], atol=1e-9)
+    np.testing.assert_allclose(path.xy_m[-1], points[-1], atol=1e-9)
+    assert np.all(np.diff(path.arc_m) > 0)
+    assert path.arc_m[-1] <= sum(leg[0] for leg in legs) + 1e-6
+
+
+def test_it_starts_along_the_robots_heading():
+    path = smooth([(0, 0), (2, 0)], (0, 0, 0.5))
+    assert path.yaw_rad[0] == pytest.approx(0.5, abs=1e-6)
+    assert path.curvature_1pm[0] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_heading_too_far_off_is_left_to_a_turn_on_the_spot():
+    path = smooth([(0, 0), (2, 0)], (0, 0, 2.0))
+    assert path.yaw_rad[0] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_corners_are_cut_less_beside_an_obstacle_and_clearance_is_kept():
+    points = [(-2, -1), (0, -1), (0, 2)]
+    free = smooth(points, (-2, -1, 0.0))
+    inside = view_of([(-0.4, -0.6, 0.12)])  # in the corner's inside, the polyline keeps clear
+    tight = smooth(points, (-2, -1, 0.0), inside)
+    assert tight.safe
+    assert np.abs(tight.curvature_1pm).max() > 1.1 * np.abs(free.curvature_1pm).max()
+    for path in (free, tight):
+        for offset in VEHICLE.footprint_offsets_m:
+            disc = path.xy_m + offset * np.column_stack(
+                (np.cos(path.yaw_rad), np.sin(path.yaw_rad))
+            )
+            gap = np.hypot(disc[:, 0] + 0.4, disc[:, 1] + 0.6) - 0.12
+            if path is tight:
+                assert gap.min() > SAFE - 0.005
+    gap = np.hypot(free.xy_m[:, 0] + 0.4, free.xy_m[:, 1] + 0.6) - 0.12
+    assert gap.min() < SAFE  # else this scene would test nothing
+
+
+def test_a_lead_in_that_would_come_too_near_is_not_taken():
+    wall = view_of([(0.2, 0.3, 0.05)])
+    path = smooth([(0, 0), (2, 0)], (0, 0, 0.9), wall)
+    assert path.yaw_rad[0] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_an_unsafe_plan_makes_an_unsafe_path():
+    path = smooth([(-2, 0), (2, 0)], (-2, 0, 0.0), view_of([(0.0, 0.1, 0.2)]))
+    assert not path.safe
+    assert path.clearance_m.min() < 0.01

@@ -1,0 +1,193 @@
+"""The filter: Jacobians against finite differences, consistency over seeds, gates, rest."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import chi2
+
+from simloop.config import EkfConfig, EncoderConfig, ImuConfig, VehicleConfig
+from simloop.ekf import (
+    BIAS,
+    GAUGE,
+    RATE,
+    SPEED,
+    Ekf,
+    motion,
+    motion_jacobian,
+    motion_noise,
+    wheels_and_gyro,
+    wheels_and_gyro_jacobian,
+)
+from simloop.messages import EncoderReading, ImuReading, PoseFix
+from simloop.se2 import wrap_angle
+
+DT = 0.01
+GAUGE_M = VehicleConfig().gauge_m
+METRES_A_COUNT = 2 * math.pi * 0.037 / 980
+states = st.tuples(
+    st.floats(-5, 5),
+    st.floats(-5, 5),
+    st.floats(-3, 3),
+    st.floats(-0.5, 0.5),
+    st.floats(-2, 2),
+    st.floats(-0.01, 0.01),
+    st.floats(1.0, 1.6),
+).map(np.array)
+
+
+def finite_difference(function, x, h=1e-6):
+    columns = [(function(x + h * e) - function(x - h * e)) / (2 * h) for e in np.eye(len(x))]
+    return np.column_stack(columns)
+
+
+@given(states, st.floats(-1, 1))
+@settings(max_examples=60, deadline=None)
+def test_motion_jacobian(x, accel):
+    numeric = finite_difference(lambda s: motion(s, accel, DT), x)
+    np.testing.assert_allclose(motion_jacobian(x, accel, DT), numeric, atol=1e-7)
+
+
+@given(states)
+@settings(max_examples=60, deadline=None)
+def test_wheels_and_gyro_jacobian(x):
+    numeric = finite_difference(lambda s: wheels_and_gyro(s, GAUGE_M), x)
+    np.testing.assert_allclose(wheels_and_gyro_jacobian(x, GAUGE_M), numeric, atol=1e-7)
+
+
+@given(states)
+@settings(max_examples=60, deadline=None)
+def test_process_noise_is_a_covariance(x):
+    noise = motion_noise(x, DT, np.array([0.6, 1.0, 0.01, 2e-5, 0.01]))
+    np.testing.assert_array_equal(noise, noise.T)
+    assert np.linalg.eigvalsh(noise).min() > -1e-15
+
+
+def make_filter(**changes) -> Ekf:
+    config = replace(EkfConfig(), **changes)
+    return Ekf(config, EncoderConfig(), ImuConfig(), VehicleConfig(), np.zeros(3), DT)
+
+
+def reading(t_ns, left_m, right_m, rate=0.0, accel=0.0):
+    counts = (math.floor(left_m / METRES_A_COUNT), math.floor(right_m / METRES_A_COUNT))
+    imu = ImuReading(t_ns, np.array([0.0, 0.0, rate]), np.array([accel, 0.0, 9.81]))
+    return EncoderReading(t_ns, *counts), imu
+
+
+def simulate(seed, seconds=10.0):
+    """A run of the filter's own model; returns the squared, normalised error of each fix's time."""
+    rng, config = np.random.default_rng(seed), EkfConfig()
+    k, bias = 1.0 / 0.811, rng.normal() * config.gyro_bias_std
+    x = np.array([0, 0, 0, 0, 0, bias, rng.normal(config.gauge_ratio, 0.03)])
+    kf, left, right, errors = make_filter(gauge_ratio_std=0.03), 0.0, 0.0, []
+    k = x[GAUGE]
+    sd = np.array([0.004, 0.004, 0.002])
+    for i in range(1, round(seconds / DT) + 1):
+        t_ns = i * 10_000_000
+        accel = 0.4 * math.cos(0.5 * i * DT) * 0.5
+        accel_walk = rng.normal() * config.speed_walk / math.sqrt(DT)
+        spin = 0.8 * math.cos(0.8 * i * DT) + rng.normal() * config.yaw_rate_walk / math.sqrt(DT)
+        rate_next = 0.9 * x[RATE] + 0.1 * (0.8 * math.sin(0.8 * i * DT)) + 0.3 * spin * DT
+        mean_rate, mean_speed = 0.5 * (x[RATE] + rate_next), x[SPEED] + 0.5 * accel * DT
+        aside = config.lateral_walk * x[RATE] * math.sqrt(DT) * rng.normal()
+        yaw = x[2] + 0.5 * mean_rate * DT
+        x[0] += mean_speed * math.cos(yaw) * DT - aside * math.sin(yaw)
+        x[1] += mean_speed * math.sin(yaw) * DT + aside * math.cos(yaw)
+        x[2] = wrap_angle(x[2] + mean_rate * DT)
+        left += (mean_speed - 0.5 * GAUGE_M * k * mean_rate) * DT
+        right += (mean_speed + 0.5 * GAUGE_M * k * mean_rate) * DT
+        x[SPEED] += (accel + 0.2 * accel_walk) * DT
+        x[RATE] = rate_next
+        gyro = x[RATE] + bias + rng.normal() * ImuConfig().gyro_noise_radps_rthz * 10.0
+        kf.advance(*reading(t_ns, left, right, gyro, accel))
+        if i % 10 == 0:
+            z = x[:3] + sd * rng.normal(size=3)
+            kf.correct(PoseFix(t_ns, z, np.diag(sd**2), 1.0, True))
+            estimate = kf.estimate()
+            error = estimate.pose - x[:3]
+            error[2] = wrap_angle(error[2])
+            errors.append(error @ np.linalg.solve(estimate.covariance[:3, :3], error))
+    return errors, kf.estimate(), x
+
+
+def test_nees_over_fifty_seeds_is_inside_its_band():
+    """Mean over time and 60 seeds of the pose's NEES, judged at one instant a second.
+
+    Successive instants are correlated; those a second apart hardly, so the band is that of a
+    chi-square with 3 degrees of freedom for each (Bar-Shalom 2001, 5.4.2), 95 % two-sided, with
+    the filter's caution on top (it takes encoder quantisation for white): it may be less than
+    the lower bound by a third, never more than the upper.
+    """
+    sample = [simulate(seed)[0][9::10] for seed in range(60)]
+    values = np.concatenate(sample)
+    n = 3 * len(values)
+    low, high = chi2.ppf([0.025, 0.975], n) / len(values)
+    assert 0.67 * low < values.mean() < high
+
+
+def test_bias_and_gauge_ratio_are_learnt():
+    off = []
+    for seed in range(5):
+        _, estimate, truth = simulate(seed, 20.0)
+        off.append((estimate.state - truth)[[BIAS, GAUGE]])
+    assert np.abs(off).mean(axis=0)[0] < 2e-3
+    assert np.abs(off).mean(axis=0)[1] < 0.03
+
+
+def test_at_rest_the_bias_is_learnt_and_the_pose_stays():
+    kf = make_filter()
+    for i in range(1, 301):
+        kf.advance(*reading(i * 10_000_000, 0.0, 0.0, rate=0.004, accel=0.05))
+    estimate = kf.estimate()
+    assert kf.stationary
+    assert estimate.state[BIAS] == pytest.approx(0.004, abs=2e-4)
+    assert np.abs(estimate.pose).max() < 2e-3
+
+
+def test_a_belt_that_spins_free_is_gated():
+    calm, wild = make_filter(), make_filter()
+    for i in range(1, 101):
+        for kf in (calm, wild):
+            kf.advance(*reading(i * 10_000_000, 0.002 * i, 0.002 * i))
+    t = 101 * 10_000_000
+    calm.advance(*reading(t, 0.202, 0.202))
+    wild.advance(*reading(t, 0.202 + 0.05, 0.202))  # one belt at 5 m/s
+    assert wild.estimate().speed == pytest.approx(calm.estimate().speed, abs=0.02)
+    assert wild.estimate().yaw_rate == pytest.approx(calm.estimate().yaw_rate, abs=0.02)
+
+
+def test_a_fix_far_off_is_refused_at_first_and_believed_if_it_insists():
+    kf = make_filter()
+    for i in range(1, 51):
+        kf.advance(*reading(i * 10_000_000, 0.0, 0.0))
+    far = PoseFix(0, np.array([1.0, 0.0, 0.0]), np.eye(3) * 1e-5, 1.0, True)
+    answers = [kf.correct(far) for _ in range(6)]
+    assert answers[:4] == [False] * 4
+    assert any(answers)
+    assert kf.estimate().pose[0] == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_fix_that_is_not_ok_changes_nothing():
+    kf = make_filter()
+    before = kf.estimate()
+    assert not kf.correct(PoseFix(0, np.ones(3) * 0.001, np.eye(3) * 1e-5, 0.0, False))
+    np.testing.assert_array_equal(kf.estimate().state, before.state)
+
+
+def test_yaw_residual_wraps():
+    kf = Ekf(
+        EkfConfig(),
+        EncoderConfig(),
+        ImuConfig(),
+        VehicleConfig(),
+        np.array([0.0, 0.0, math.pi - 1e-3]),
+        DT,
+    )
+    fix = PoseFix(0, np.array([0.0, 0.0, -math.pi + 1e-3]), np.eye(3) * 1e-6, 1.0, True)
+    assert kf.correct(fix)
+    assert abs(kf.estimate().pose[2]) == pytest.approx(math.pi, abs=2e-3)
