@@ -4,8 +4,8 @@ Source: Sabiha 2022 (online TLBO), Eqs. 4-5, 12, 16. Three readings differ from 
 purpose. Eq. 6 is a difference of two atan2 and is wrapped to (-pi, pi]. Eq. 8 looks at the
 waypoints only; here the clearance is that of every point of every segment. Eq. 17 needs the
 centres of round obstacles; here R is the intrusion in metres, one term a segment: the safe
-distance minus the segment's clearance, where that is positive. It is linear, hence exact: a sigma
-above the objective's own slope (about 2 per metre) leaves nothing to gain by an intrusion.
+distance minus the segment's clearance, plus a centimetre, where the former is positive. Being
+linear with a step, it is exact: no intrusion, however slight, is worth what it saves.
 
 The world is either discs (closed form) or a distance field (adaptive sampling, see
 ``_field_clearance``); every kernel takes both through one `Problem`.
@@ -28,6 +28,8 @@ FIELD_TOLERANCE_M = 4e-4
 """How far short of safe a field's lower bound may fall and still be accepted, m."""
 SAFE_WITHIN_M = 1e-3
 """A plan called safe keeps the safe distance to this, m."""
+LEAST_INTRUSION_M = 0.01
+"""What the slightest lack of clearance counts on top of its depth, m: safe beats nearly safe."""
 START_GROWTH = 0.5
 """By how much the clearance asked for grows for each metre away from a start too close, m/m."""
 _SHORTEST_M = 0.02
@@ -134,7 +136,7 @@ def make_problem(
     return problem._replace(start_slack=slack)
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _sample_field(p: Problem, x: float, y: float) -> float:
     """Bilinear distance at a point; outside the grid, that of the nearest point inside."""
     rows, cols = p.field.shape
@@ -162,7 +164,7 @@ def point_clearance(p: Problem, x: float, y: float) -> float:
     return clearance
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _allowance(p: Problem, x: float, y: float) -> float:
     """How much less than the safe distance is asked for at a point near a start too close."""
     if p.start_slack <= 0.0:
@@ -177,7 +179,7 @@ def relaxed_clearance(p: Problem, x: float, y: float) -> float:
     return point_clearance(p, x, y) + _allowance(p, x, y)
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _lens(a: float, b: float, s: float) -> float:
     """Least possible clearance on a segment of length s whose ends have clearances a and b.
 
@@ -192,7 +194,7 @@ def _lens(a: float, b: float, s: float) -> float:
     return math.sqrt(max(0.0, a * a - h * h))
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _field_clearance(
     p: Problem, ax: float, ay: float, bx: float, by: float, floor: float, stack: FloatArray
 ) -> float:
@@ -235,30 +237,26 @@ def _field_clearance(
                 return worst
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _disc_clearance(p: Problem, ax: float, ay: float, bx: float, by: float) -> float:
     """Exact clearance of a segment among discs, m (negative where it cuts one)."""
+    disc_x, disc_y, disc_r = p.disc_x, p.disc_y, p.disc_r
+    safe = p.safe_m
     dx = bx - ax
     dy = by - ay
     square = dx * dx + dy * dy
     scale = 1.0 / square if square > 0.0 else 0.0
-    hits = 0
-    for k in range(p.disc_x.size):  # no branch and no root, so that it runs as SIMD
-        ox = p.disc_x[k] - ax
-        oy = p.disc_y[k] - ay
+    clearance = safe
+    for k in range(disc_x.size):
+        ox = disc_x[k] - ax
+        oy = disc_y[k] - ay
         t = min(max((ox * dx + oy * dy) * scale, 0.0), 1.0)
         ex = ox - t * dx
         ey = oy - t * dy
-        reach = p.disc_r[k] + p.safe_m
-        hits += 1 if ex * ex + ey * ey < reach * reach else 0
-    if hits == 0:
-        return p.safe_m
-    clearance = FREE_M
-    for k in range(p.disc_x.size):
-        ox = p.disc_x[k] - ax
-        oy = p.disc_y[k] - ay
-        t = min(max((ox * dx + oy * dy) * scale, 0.0), 1.0)
-        clearance = min(clearance, math.hypot(ox - t * dx, oy - t * dy) - p.disc_r[k])
+        apart = ex * ex + ey * ey
+        reach = disc_r[k] + safe
+        if apart < reach * reach:  # rare, so that the root is, too
+            clearance = min(clearance, math.sqrt(apart) - disc_r[k])
     return clearance
 
 
@@ -297,7 +295,7 @@ def _disc_clearance_near_start(
     return worst
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def segment_clearance(
     p: Problem, ax: float, ay: float, bx: float, by: float, floor: float, stack: FloatArray
 ) -> float:
@@ -322,7 +320,7 @@ def segment_clearance(
     return _disc_clearance(p, ax, ay, bx, by)
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def length_and_turning(path: FloatArray, m: int) -> tuple[float, float]:
     """S (Eq. 4) and Theta (Eq. 5, wrapped) of path[:m]; a segment without length has no heading."""
     length = 0.0
@@ -355,23 +353,23 @@ def start_turn(p: Problem, path: FloatArray, m: int) -> float:
     return 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def intrusion(p: Problem, path: FloatArray, m: int, enough: float, stack: FloatArray) -> float:
-    """sum R: each segment's lack of clearance, m; stops adding once it exceeds ``enough``."""
+    """sum R: each segment's lack of clearance, where it lacks any, m; stops adding once it exceeds ``enough``."""
     total = 0.0
     for i in range(m - 1):
-        floor = p.safe_m - (enough - total)
+        floor = min(p.safe_m + LEAST_INTRUSION_M - (enough - total), p.safe_m - p.tolerance_m)
         clear = segment_clearance(
             p, path[i, 0], path[i, 1], path[i + 1, 0], path[i + 1, 1], floor, stack
         )
         if clear < p.safe_m - p.tolerance_m:
-            total += p.safe_m - clear
+            total += p.safe_m - clear + LEAST_INTRUSION_M
             if total > enough:
                 return total
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def evaluate(p: Problem, path: FloatArray, m: int, bound: float, stack: FloatArray) -> float:
     """J of path[:m]; once J is sure to exceed ``bound``, some value above ``bound``.
 

@@ -21,7 +21,7 @@ from simloop.planners.objective import Problem, evaluate
 from simloop.planners.splitmix import State, below, normal, uniform
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _into_box(new: float, old: float, low: float, high: float) -> float:
     """Eq. 26, but half-way from where the coordinate was to the edge that it crossed."""
     if new < low:
@@ -31,7 +31,7 @@ def _into_box(new: float, old: float, low: float, high: float) -> float:
     return new
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _offer(
     p: Problem,
     path: FloatArray,

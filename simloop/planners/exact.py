@@ -1,0 +1,194 @@
+"""The exact optimum of J among discs: the yardstick of the other planners.
+
+The best path of a point among discs grown by the safe distance is made of straight pieces tangent
+to two of them (or through an end) and arcs about them. A directed tangent fixes the sense in
+which it leaves one disc and reaches the next, so Dijkstra runs over directed tangents; the arc
+between two of them costs w1 R phi + w2 phi (after Liu and Arimoto 1992, tangent graph).
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simloop.messages import FloatArray
+
+_TOUCH_M = 1e-9
+_TURN = 2.0 * math.pi
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExactPath:
+    """points_m: (N, 2), arcs sampled; cost, length_m and turning_rad are those of the true arcs."""
+
+    points_m: FloatArray
+    cost: float
+    length_m: float
+    turning_rad: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Tangents:
+    """Directed tangents, columns of equal length E. Circle 0 is the start, circle 1 the goal."""
+
+    tail: NDArray[np.int64]
+    tail_sense: NDArray[np.int64]
+    head: NDArray[np.int64]
+    head_sense: NDArray[np.int64]
+    heading: FloatArray
+    a: FloatArray
+    b: FloatArray
+
+
+def _tangents(centre: FloatArray, radius: FloatArray, bounds: FloatArray) -> _Tangents:
+    """All directed tangents that stay free of every circle's inside and within the bounds."""
+    n = len(radius)
+    senses = np.array([-1, 1])
+    i, si, j, sj = (
+        g.ravel() for g in np.meshgrid(np.arange(n), senses, np.arange(n), senses, indexing="ij")
+    )
+    # An end has no sense: one of the two stands for both.
+    keep = (i != j) & (i != 1) & (j != 0) & ((i != 0) | (si == 1)) & ((j != 1) | (sj == 1))
+    i, si, j, sj = i[keep], si[keep], j[keep], sj[keep]
+    between = centre[j] - centre[i]
+    apart = np.hypot(between[:, 0], between[:, 1])
+    offset = sj * radius[j] - si * radius[i]
+    keep = apart > np.abs(offset)
+    i, si, j, sj = i[keep], si[keep], j[keep], sj[keep]
+    between, apart, offset = between[keep], apart[keep], offset[keep]
+    run = np.sqrt(apart**2 - offset**2)
+    heading = np.arctan2(between[:, 1], between[:, 0]) - np.arctan2(offset, run)
+    left = np.column_stack([-np.sin(heading), np.cos(heading)])
+    a = centre[i] - (si * radius[i])[:, None] * left
+    b = centre[j] - (sj * radius[j])[:, None] * left
+    free = np.ones(len(i), dtype=bool)
+    square = np.maximum(((b - a) ** 2).sum(axis=1), 1e-300)
+    for c, r in zip(centre[2:], radius[2:], strict=True):
+        t = np.clip(((c - a) * (b - a)).sum(axis=1) / square, 0.0, 1.0)
+        gap = np.hypot(*(a + t[:, None] * (b - a) - c).T) - r
+        free &= gap > -_TOUCH_M
+    low, high = bounds[:2] - _TOUCH_M, bounds[2:] + _TOUCH_M
+    free &= ((a >= low) & (a <= high) & (b >= low) & (b <= high)).all(axis=1)
+    return _Tangents(i[free], si[free], j[free], sj[free], heading[free], a[free], b[free])
+
+
+def _forbidden(
+    k: int, centre: FloatArray, radius: FloatArray, bounds: FloatArray
+) -> list[tuple[float, float]]:
+    """Angles (middle, half width) of circle k's rim that lie in another circle or out of bounds."""
+    spans: list[tuple[float, float]] = []
+    for j in range(2, len(radius)):
+        away = centre[j] - centre[k]
+        d = math.hypot(away[0], away[1])
+        if j == k or d >= radius[k] + radius[j]:
+            continue
+        if d <= radius[j] - radius[k]:
+            return [(0.0, math.pi)]
+        if d <= radius[k] - radius[j]:
+            continue
+        cosine = (d * d + radius[k] ** 2 - radius[j] ** 2) / (2.0 * d * radius[k])
+        spans.append((math.atan2(away[1], away[0]), math.acos(min(1.0, max(-1.0, cosine)))))
+    walls = (
+        (0.0, bounds[2] - centre[k, 0]),
+        (0.5 * math.pi, bounds[3] - centre[k, 1]),
+        (math.pi, centre[k, 0] - bounds[0]),
+        (-0.5 * math.pi, centre[k, 1] - bounds[1]),
+    )
+    for angle, room in walls:
+        if room < radius[k]:
+            spans.append((angle, math.acos(max(-1.0, room / radius[k]))))
+    return spans
+
+
+def _arc_free(spans: list[tuple[float, float]], first: float, sense: int, sweep: float) -> bool:
+    """Whether the arc from angle ``first`` over ``sweep`` >= 0 in ``sense`` meets no span."""
+    middle = first + 0.5 * sense * sweep
+    for angle, half in spans:
+        off = abs((angle - middle + math.pi) % _TURN - math.pi)
+        if off < half + 0.5 * sweep - 1e-9:
+            return False
+    return True
+
+
+def exact_path(
+    discs: FloatArray,
+    bounds: FloatArray,
+    start: FloatArray,
+    goal: FloatArray,
+    *,
+    safe_m: float,
+    length_weight: float = 0.65,
+    turning_weight: float = 0.35,
+    arc_step_rad: float = 0.02,
+) -> ExactPath | None:
+    """Best path among discs (K, 3) from start (2,) to goal (2,); None if there is none."""
+    discs = np.asarray(discs, dtype=np.float64).reshape(-1, 3)
+    centre = np.vstack([start[:2], goal[:2], discs[:, :2]])
+    radius = np.concatenate([[0.0, 0.0], discs[:, 2] + safe_m])
+    t = _tangents(centre, radius, np.asarray(bounds, dtype=np.float64))
+    leaving: dict[tuple[int, int], list[int]] = {}
+    for e in range(len(t.tail)):
+        leaving.setdefault((int(t.tail[e]), int(t.tail_sense[e])), []).append(e)
+    length = np.hypot(*(t.b - t.a).T)
+    best = np.full(len(length), np.inf)
+    parent = np.full(len(length), -1)
+    queue: list[tuple[float, int]] = []
+    for e in leaving.get((0, 1), []):
+        best[e] = length_weight * length[e]
+        queue.append((float(best[e]), e))
+    heapq.heapify(queue)
+    spans = [_forbidden(k, centre, radius, bounds) if k > 1 else [] for k in range(len(radius))]
+    while queue:
+        cost, e = heapq.heappop(queue)
+        if cost > best[e]:
+            continue
+        k, sense = int(t.head[e]), int(t.head_sense[e])
+        if k == 1:
+            return _unroll(t, parent, e, cost, centre, radius, arc_step_rad)
+        for f in leaving.get((k, sense), []):
+            sweep = (sense * (t.heading[f] - t.heading[e])) % _TURN
+            sweep = 0.0 if sweep > _TURN - 1e-9 else sweep
+            total = cost + (length_weight * radius[k] + turning_weight) * sweep
+            total += length_weight * length[f]
+            first = t.heading[e] - 0.5 * sense * math.pi
+            if total < best[f] and _arc_free(spans[k], first, sense, sweep):
+                best[f], parent[f] = total, e
+                heapq.heappush(queue, (float(total), f))
+    return None
+
+
+def _unroll(
+    t: _Tangents,
+    parent: NDArray[np.int64],
+    last: int,
+    cost: float,
+    centre: FloatArray,
+    radius: FloatArray,
+    arc_step: float,
+) -> ExactPath:
+    """Follow the parents back from the last tangent; sample the arcs on the way."""
+    chain = [last]
+    while parent[chain[-1]] >= 0:
+        chain.append(int(parent[chain[-1]]))
+    chain.reverse()
+    points = [t.a[chain[0]]]
+    length, turning = 0.0, 0.0
+    for n, e in enumerate(chain):
+        if n > 0:
+            k, sense = int(t.tail[e]), int(t.tail_sense[e])
+            sweep = (sense * (t.heading[e] - t.heading[chain[n - 1]])) % _TURN
+            sweep = 0.0 if sweep > _TURN - 1e-9 else sweep
+            first = t.heading[chain[n - 1]] - 0.5 * sense * math.pi
+            for s in np.linspace(0.0, sweep, 2 + int(sweep / arc_step))[1:-1]:
+                angle = first + sense * s
+                points.append(centre[k] + radius[k] * np.array([math.cos(angle), math.sin(angle)]))
+            length += radius[k] * sweep
+            turning += sweep
+            points.append(t.a[e])
+        length += math.hypot(*(t.b[e] - t.a[e]))
+        points.append(t.b[e])
+    return ExactPath(np.array(points), float(cost), float(length), float(turning))
