@@ -1,0 +1,100 @@
+"""The collision monitor: stops for what it sees, in time, and never traps the robot."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from simloop.config import TrackerConfig, VehicleConfig
+from simloop.monitor import CollisionMonitor, free_fraction, points_in, rectangle_distance
+
+HALF_LENGTH, HALF_WIDTH = 0.245, 0.2325
+ORIGIN = np.zeros(3)
+
+
+def monitor_seeing(*points):
+    monitor = CollisionMonitor(TrackerConfig(), VehicleConfig())
+    monitor.observe(np.array(points, float).reshape(-1, 2), ORIGIN)
+    return monitor
+
+
+def test_with_nothing_in_sight_all_is_allowed():
+    assert monitor_seeing().allow(0.45, 1.0, ORIGIN) == (0.45, 1.0)
+    assert monitor_seeing((3.0, 0.0)).allow(0.45, 1.0, ORIGIN) == (0.45, 1.0)
+
+
+def test_it_slows_before_an_obstacle_and_stops_at_it():
+    speeds = [
+        monitor_seeing((HALF_LENGTH + gap, 0.0)).allow(0.45, 0.0, ORIGIN)[0]
+        for gap in (0.5, 0.15, 0.08, 0.03, 0.011)
+    ]
+    assert speeds[0] == 0.45
+    assert all(a >= b for a, b in zip(speeds, speeds[1:], strict=False))
+    assert speeds[-1] == 0.0
+
+
+@given(st.floats(0.05, 0.45), st.floats(0.02, 0.6))
+@settings(max_examples=80, deadline=None)
+def test_the_allowed_speed_can_be_braked_away_before_the_obstacle(asked, gap):
+    config = TrackerConfig()
+    allowed, _ = monitor_seeing((HALF_LENGTH + gap, 0.0)).allow(asked, 0.0, ORIGIN)
+    assert allowed * 0.01 + allowed**2 / (2 * config.max_decel_mps2) <= gap + 1e-9
+
+
+def test_what_is_beside_the_robot_hinders_turning_and_not_driving():
+    monitor = monitor_seeing((HALF_LENGTH - 0.01, HALF_WIDTH + 0.02))
+    assert monitor.allow(-0.12, 0.0, ORIGIN)[0] == -0.12
+    assert abs(monitor.allow(0.0, 1.0, ORIGIN)[1]) < 1.0
+
+
+def test_the_way_back_from_an_obstacle_is_free():
+    monitor = monitor_seeing((HALF_LENGTH + 0.002, 0.0))
+    assert monitor.allow(0.3, 0.0, ORIGIN)[0] == 0.0
+    assert monitor.allow(-0.12, 0.0, ORIGIN)[0] == -0.12
+
+
+def test_points_move_with_the_robot_between_scans():
+    monitor = monitor_seeing((HALF_LENGTH + 0.4, 0.0))
+    assert monitor.allow(0.45, 0.0, ORIGIN)[0] == 0.45
+    assert monitor.allow(0.45, 0.0, np.array([0.38, 0.0, 0.0]))[0] < 0.2
+
+
+@given(*[st.floats(-3, 3)] * 6)
+@settings(max_examples=60, deadline=None)
+def test_points_in_another_frame(px, py, pyaw, sx, sy, syaw):
+    points = np.array([[0.3, -0.2], [1.0, 2.0]])
+    got = points_in(np.array([px, py, pyaw]), np.array([sx, sy, syaw]), points)
+
+    def world(pose, p):
+        c, s = math.cos(pose[2]), math.sin(pose[2])
+        return p @ np.array([[c, s], [-s, c]]) + pose[:2]
+
+    np.testing.assert_allclose(
+        world(np.array([px, py, pyaw]), got), world(np.array([sx, sy, syaw]), points), atol=1e-9
+    )
+
+
+@given(st.floats(-1, 1), st.floats(-1, 1))
+@settings(max_examples=100, deadline=None)
+def test_rectangle_distance_against_samples_of_its_edge(x, y):
+    t = np.linspace(-1, 1, 801)
+    edge = np.concatenate(
+        [np.column_stack((HALF_LENGTH * t, np.full(801, s * HALF_WIDTH))) for s in (-1, 1)]
+        + [np.column_stack((np.full(801, s * HALF_LENGTH), HALF_WIDTH * t)) for s in (-1, 1)]
+    )
+    sampled = np.hypot(*(edge - (x, y)).T).min()
+    signed = rectangle_distance(x, y, HALF_LENGTH, HALF_WIDTH)
+    inside = abs(x) < HALF_LENGTH and abs(y) < HALF_WIDTH
+    assert signed == pytest.approx(-sampled if inside else sampled, abs=1e-3)
+
+
+def test_an_arc_sweeps_the_rectangle_along_it():
+    corner = np.array([[0.40, HALF_WIDTH + 0.05]])
+    straight = free_fraction(corner, 0.6, 0.0, HALF_LENGTH, HALF_WIDTH, 0.01)
+    curved = free_fraction(corner, 0.6, 1.5, HALF_LENGTH, HALF_WIDTH, 0.01)
+    assert straight == 1.0
+    assert 0.0 < curved < 1.0

@@ -1,0 +1,163 @@
+"""The tracker: speed profile, motor loop, slip made good, and a path followed in the plant."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from test_bezier import smooth
+from vehicles import plant_on_plane
+
+from simloop.config import EncoderConfig, MotorConfig, TrackerConfig, VehicleConfig
+from simloop.ekf import GAUGE
+from simloop.messages import Estimate
+from simloop.recovery import Recovery
+from simloop.sensors import Encoders
+from simloop.tracker import Drive, MotorLoop, Tracker, sprocket_speeds
+
+CONFIG, VEHICLE, MOTOR, ENCODER = TrackerConfig(), VehicleConfig(), MotorConfig(), EncoderConfig()
+K = 1.0 / 0.811
+
+
+def estimate_of(truth, t_ns=None) -> Estimate:
+    state = np.zeros(7)
+    state[:3] = truth.pose_xyyaw
+    state[3], state[4], state[GAUGE] = truth.velocity_body[0], truth.velocity_body[5], K
+    return Estimate(truth.t_ns if t_ns is None else t_ns, state, np.eye(7) * 1e-6)
+
+
+def tracker_to(goal, tolerance=0.10):
+    return Tracker(CONFIG, VEHICLE, 0.26, np.array(goal, float), tolerance, 0.01)
+
+
+def drive_along(points, start, goal=None, seconds=40.0):
+    """Follow a path in the plant with the truth for an estimate: poses, commands, the tracker."""
+    plant = plant_on_plane()
+    truth = plant.reset(np.array(start, float))
+    tracker = tracker_to(goal if goal is not None else points[-1])
+    tracker.follow(smooth(points, start), K)
+    drive, encoders = Drive(CONFIG, MOTOR, ENCODER, VEHICLE, 0.01), Encoders(ENCODER)
+    truths, commands = [truth], []
+    for _ in range(round(seconds / 0.01)):
+        estimate = estimate_of(truth)
+        command = drive.command(tracker.velocity(estimate), estimate, encoders.read(truth))
+        truth = plant.step(command.voltage_v)
+        truths.append(truth)
+        commands.append(command)
+        if tracker.arrived and abs(truth.velocity_body[0]) < 1e-3:
+            break
+    return truths, commands, tracker
+
+
+def test_it_follows_bends_within_centimetres_and_stands_still_at_the_goal():
+    points = [(0, 0), (1.2, 0.0), (1.6, 1.0), (2.6, 1.2)]
+    path = smooth(points, (0, 0, 0))
+    truths, _, tracker = drive_along(points, (0, 0, 0))
+    poses = np.array([t.pose_xyyaw for t in truths])
+    off = [np.hypot(*(path.xy_m - p[:2]).T).min() for p in poses]
+    assert max(off) < 0.03
+    assert tracker.arrived
+    assert np.hypot(*(poses[-1, :2] - points[-1])) < 0.10
+    assert truths[-1].t_ns * 1e-9 < 1.35 * path.arc_m[-1] / CONFIG.max_speed_mps
+
+
+def test_it_turns_on_the_spot_when_the_path_lies_behind():
+    truths, commands, tracker = drive_along([(0, 0), (-1.5, 0.0)], (0, 0, 0))
+    turning = [t for t, c in zip(truths[1:], commands, strict=True) if c.mode == "turn"]
+    assert len(turning) > 50
+    assert max(np.hypot(*t.pose_xyyaw[:2]) for t in turning) < 0.03
+    assert tracker.arrived
+
+
+def test_asked_speeds_and_their_changes_keep_the_limits():
+    _, commands, _ = drive_along([(0, 0), (1.0, 0.0), (1.0, 1.0), (2.0, 1.0)], (0, 0, 0))
+    speed = np.array([c.speed_mps for c in commands])
+    rate = np.array([c.yaw_rate_radps for c in commands])
+    assert speed.max() <= CONFIG.max_speed_mps + 1e-9
+    assert np.abs(rate).max() <= CONFIG.max_yaw_rate_radps + 1e-9
+    assert np.diff(speed).max() <= CONFIG.max_accel_mps2 * 0.01 + 1e-9
+    assert np.diff(speed).min() >= -2 * CONFIG.max_decel_mps2 * 0.01 - 1e-9
+    assert np.abs(np.diff(rate)).max() <= CONFIG.max_yaw_accel_radps2 * 0.01 + 1e-9
+    assert max(np.abs(c.voltage_v).max() for c in commands) <= MOTOR.supply_v
+
+
+def test_slip_is_made_good_before_it_happens():
+    plant = plant_on_plane()
+    truth = plant.reset(np.zeros(3))
+    drive, encoders = Drive(CONFIG, MOTOR, ENCODER, VEHICLE, 0.01), Encoders(ENCODER)
+    for _ in range(200):
+        command = drive.command((0.2, 0.6, "test"), estimate_of(truth), encoders.read(truth))
+        truth = plant.step(command.voltage_v)
+    assert truth.velocity_body[0] == pytest.approx(0.2, rel=0.03)
+    assert truth.velocity_body[5] == pytest.approx(0.6, rel=0.03)
+
+
+def test_the_motor_loop_makes_the_counts_come():
+    plant = plant_on_plane()
+    truth = plant.reset(np.zeros(3))
+    loops, encoders = [MotorLoop(CONFIG, MOTOR, ENCODER, 0.01) for _ in range(2)], Encoders(ENCODER)
+    for _ in range(300):
+        reading = encoders.read(truth)
+        volts = (loops[0].voltage(5.0, reading.left_counts), loops[1].voltage(5.0, reading.right_counts))
+        truth = plant.step(np.array(volts))
+    assert truth.sprocket_radps == pytest.approx(5.0, rel=0.02)
+    assert truth.sprocket_rad[0] == pytest.approx(15.0, abs=CONFIG.angle_error_limit_rad)
+
+
+def test_standing_still_draws_no_current():
+    plant = plant_on_plane()
+    truth = plant.reset(np.zeros(3))
+    drive, encoders = Drive(CONFIG, MOTOR, ENCODER, VEHICLE, 0.01), Encoders(ENCODER)
+    for _ in range(50):
+        command = drive.command((0.0, 0.0, "stop"), estimate_of(truth), encoders.read(truth))
+        truth = plant.step(command.voltage_v)
+    assert np.abs(truth.motor_current_a).max() < 1e-3
+    assert truth.energy_j < 1e-3
+
+
+@pytest.mark.parametrize(("speed", "rate"), [(0.45, 1.0), (0.1, -1.6), (-0.3, 0.5)])
+def test_a_track_too_fast_scales_both_and_keeps_the_curvature(speed, rate):
+    left, right = sprocket_speeds(speed, rate, K, VEHICLE, 0.47)
+    assert max(abs(left), abs(right)) * VEHICLE.sprocket_radius_m <= 0.47 + 1e-9
+    v = 0.5 * (left + right)
+    w = (right - left) / (K * VEHICLE.gauge_m)
+    assert w / v == pytest.approx(rate / speed, rel=1e-9)
+
+
+def standing(t_s):
+    state = np.zeros(7)
+    state[GAUGE] = K
+    return Estimate(round(t_s * 1e9), state, np.eye(7))
+
+
+def test_a_stuck_robot_backs_off_turns_and_goes_on():
+    recovery = Recovery(CONFIG)
+    assert not any(recovery.watch(standing(0.01 * k), True) for k in range(150))
+    assert any(recovery.watch(standing(0.01 * k), True) for k in range(150, 260))
+    recovery.start(standing(2.6))
+    modes = []
+    for k in range(2000):
+        modes.append(recovery.velocity(standing(2.6 + 0.01 * k))[2])
+        if not recovery.active:
+            break
+    assert set(modes) == {"back_off", "recovery_turn", "stop"}
+    assert not recovery.active
+
+
+def test_a_robot_that_waits_is_not_stuck():
+    recovery = Recovery(CONFIG)
+    assert not any(recovery.watch(standing(0.01 * k), False) for k in range(1000))
+
+
+def test_speed_is_lower_in_bends_and_near_obstacles():
+    tracker = tracker_to((9, 9))
+    tracker.follow(smooth([(0, 0), (1.0, 0.0), (1.0, 2.0)], (0, 0, 0)), K)
+    path, profile = tracker.path, tracker._profile
+    sharpest = int(np.argmax(np.abs(path.curvature_1pm)))
+    assert profile[sharpest] * abs(path.curvature_1pm[sharpest]) <= CONFIG.max_yaw_rate_radps + 1e-9
+    assert profile[sharpest] < 0.8 * profile.max()
+    assert profile[-1] == 0.0
+    braking = np.diff(profile**2) / (2 * np.diff(path.arc_m))
+    assert braking.min() >= -CONFIG.max_decel_mps2 - 1e-6
+    assert math.isclose(profile.max(), CONFIG.max_speed_mps, rel_tol=1e-6)
