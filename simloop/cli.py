@@ -186,7 +186,7 @@ def _record_and_run(
     from simloop.metrics import versions
 
     outputs.write_config(scenario, versions())
-    recorder, listeners = None, []
+    recorder, pictures, listeners = None, None, []
     if outputs.recording is not None:
         from simloop.recorder import RerunRecorder
 
@@ -194,14 +194,16 @@ def _record_and_run(
     if outputs.snapshots is not None:
         from simloop.snapshot import Snapshots
 
-        snapshots = Snapshots(outputs.snapshots, scenario, world)
-        listeners.append(snapshots.offer)
+        title = f"{scenario.title or scenario.name}, seed {scenario.seed}"
+        vehicle = scenario.config.vehicle
+        pictures = Snapshots(world.model, outputs.snapshots, scenario.goal, vehicle, title)
+        listeners.append(pictures.offer)
     result = _run(Simulation(scenario, recorder, listeners, world=world), notes)
     with _uninterrupted():
         if recorder is not None:
             recorder.close()
-        if outputs.snapshots is not None:
-            snapshots.close()
+        if pictures is not None:
+            pictures.finish()
     return result
 
 

@@ -71,7 +71,8 @@ def print_result(console: Console, metrics: Mapping[str, Any]) -> None:
     """The figures of a run in the order in which a person asks for them."""
     colour, text = _OUTCOMES.get(metrics["outcome"], ("red", metrics["outcome"]))
     heading = f"{metrics['scenario']}, seed {metrics['seed']}, planner {metrics['planner']}"
-    console.print(f"{escape(heading)}: [bold {colour}]{text}[/]", highlight=False)
+    heading = f"{escape(heading)}: [bold {colour}]{text}[/]"
+    console.print(heading, highlight=False, soft_wrap=True)
     for name, value in result_rows(metrics):
         line = f"  [dim]{name:13}[/] {escape(value)}"
         console.print(line, highlight=False, soft_wrap=True)

@@ -1,0 +1,279 @@
+"""The command line as scripts and people meet it: exit codes, one-line errors, files, Ctrl-C."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from simloop import __version__
+from simloop.errors import InputError
+from simloop.outputs import check_directory, check_file, choose, write_text
+from simloop.report import compiling, print_result, print_table, progress_bar
+
+SHORT = ("--set", "goal=[0.5, 0.0]")
+
+
+def simloop(*arguments, cwd=None, **kwargs):
+    command = [sys.executable, "-m", "simloop.cli", *map(str, arguments)]
+    return subprocess.run(
+        command, capture_output=True, text=True, timeout=300, cwd=cwd, check=False, **kwargs
+    )
+
+
+def best_seconds(*arguments, repeats=3):
+    spent = []
+    for _ in range(repeats):
+        began = time.perf_counter()
+        assert simloop(*arguments).returncode == 0
+        spent.append(time.perf_counter() - began)
+    return min(spent)
+
+
+def test_list_names_everything_that_can_be_chosen():
+    out = simloop("list").stdout
+    for name in ("scenarios", "experiment", "clutter", "corridor", "trap", "planners", "tlbo"):
+        assert name in out
+    assert "\x1b" not in out  # nobody is at a terminal: no colours
+
+
+def test_help_and_list_are_quick():
+    assert best_seconds("list") < 0.8 and best_seconds("--help") < 0.8
+
+
+def test_nothing_slow_is_imported_for_help_and_list():
+    code = (
+        "import sys; sys.argv = ['simloop', 'list']\n"
+        "from simloop import cli\n"
+        "try: cli.main()\nexcept SystemExit: pass\n"
+        "print([m for m in ('numpy', 'numba', 'mujoco', 'cv2', 'rerun') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_version():
+    assert simloop("--version").stdout.strip() == f"simloop {__version__}"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["run", "experimnt"], "did you mean 'experiment'?"),
+        (["run", "none.toml"], "none.toml: no such file"),
+        (["run", "experiment", "--planner", "rrt"], "unknown planner 'rrt'; choices: tlbo"),
+        (["run", "experiment", "--set", "goal=[2.05,0.55]"], "inside obstacle_02"),
+        (["run", "experiment", "--set", "goal=[50,50]"], "outside the arena"),
+        (["run", "experiment", "--set", "rates.imu_s=-1"], "must be greater than 0"),
+        (["run", "experiment", "--set", "rates.imu_s=0.015"], "not a whole multiple"),
+        (["run", "experiment", "--set", "goal=[nan,1]"], "must be a finite number"),
+        (["run", "experiment", "--seed", "x"], "--seed"),
+        (["run", "experiment", "--sed", "1"], "--sed"),
+        (["run"], "error:"),
+        (["bench", "loop", "--scenario", "opn"], "did you mean 'open'?"),
+        (["frobnicate"], "frobnicate"),
+    ],
+)
+def test_wrong_input_is_one_line_exit_2_and_nothing_written(tmp_path, arguments, expected):
+    outputs = ["--json", tmp_path / "r" / "x.json", "--record", tmp_path / "r" / "x.rrd"]
+    done = simloop(*arguments, *(outputs if arguments[:1] == ["run"] else []))
+    assert done.returncode == 2
+    assert expected in done.stderr and len(done.stderr.strip().splitlines()) == 1
+    assert done.stdout == "" and list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("option", ["--json", "--record", "--snapshots", "--out"])
+def test_an_output_that_cannot_be_written_is_refused_before_the_run(tmp_path, option):
+    (tmp_path / "file").write_text("mine")
+    began = time.perf_counter()
+    done = simloop("run", "experiment", option, tmp_path / "file" / "below")
+    assert done.returncode == 2 and time.perf_counter() - began < 10
+    assert f"error: {option}" in done.stderr and "is not a directory" in done.stderr
+    assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+def test_checking_outputs_leaves_no_trace(tmp_path):
+    outputs = choose(tmp_path / "a" / "b", None, None, None)
+    outputs.check()
+    assert list(tmp_path.iterdir()) == []
+    outputs.prepare()
+    assert outputs.snapshots.is_dir() and outputs.config == tmp_path / "a" / "b" / "config.toml"
+    with pytest.raises(InputError, match="is a directory"):
+        check_file(tmp_path, "--json")
+    with pytest.raises(InputError, match="not writable"):
+        check_directory(Path("/proc/self/x"), "--out")
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is always full")
+def test_a_full_disk_is_one_line_that_names_the_file(tmp_path):
+    with pytest.raises(InputError, match="/dev/full: cannot be written: No space left"):
+        write_text(Path("/dev/full"), "x" * 100_000)
+
+
+def test_writing_replaces_whole_files_only(tmp_path):
+    target = tmp_path / "x.json"
+    write_text(target, "old")
+    write_text(target, "new")
+    assert target.read_text() == "new" and list(tmp_path.iterdir()) == [target]
+
+
+def test_a_run_gives_figures_and_a_config_that_gives_the_same_run(tmp_path):
+    first = simloop("run", "open", *SHORT, "--json", tmp_path / "a.json", cwd=tmp_path)
+    assert first.returncode == 0, first.stderr
+    assert "goal reached" in first.stdout and "\x1b" not in first.stdout
+    again = simloop("run", tmp_path / "a.config.toml", "--json", tmp_path / "b.json", "--quiet")
+    assert again.returncode == 0 and again.stdout == "" and again.stderr == ""
+    a, b = (json.loads((tmp_path / name).read_text()) for name in ("a.json", "b.json"))
+    assert a["outcome"] == "reached" and a["state_hash"] == b["state_hash"]
+    for figures in (a, b):
+        for measured in ("wall_time_s", "real_time_factor", "plan_ms_p50", "plan_ms_p99"):
+            assert figures.pop(measured) > 0.0
+    assert a == b
+
+
+def test_another_seed_is_another_run(tmp_path):
+    hashes = set()
+    for seed in (0, 1):
+        file = tmp_path / f"{seed}.json"
+        simloop("run", "open", *SHORT, "--seed", seed, "--json", file)
+        hashes.add(json.loads(file.read_text())["state_hash"])
+    assert len(hashes) == 2
+
+
+def test_a_robot_that_fails_is_exit_code_1(tmp_path):
+    done = simloop("run", "open", "--set", "time_limit_s=0.5", "--json", tmp_path / "x.json")
+    assert done.returncode == 1 and "out of time" in done.stdout
+    assert json.loads((tmp_path / "x.json").read_text())["outcome"] == "timeout"
+
+
+def test_a_second_process_starts_at_once():
+    arguments = ("run", "open", "--set", "time_limit_s=0.1")
+    assert simloop(*arguments).returncode == 1  # compiles whatever there is to compile
+    began = time.perf_counter()
+    done = simloop(*arguments)
+    assert time.perf_counter() - began < 6.0  # under 3 s on an idle machine
+    assert done.returncode == 1 and "compiling" not in done.stderr
+
+
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_keeps_what_there_is(tmp_path, sent):
+    command = [sys.executable, "-m", "simloop.cli", "run", "open", "--json", tmp_path / "x.json"]
+    command += ["--set", "rates.physics_s=0.00002"]  # a hundred times the work: slow enough
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    while not (tmp_path / "x.config.toml").exists() and process.poll() is None:
+        time.sleep(0.05)
+    time.sleep(1.0)
+    process.send_signal(sent)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130, err
+    assert "interrupted" in out and "Traceback" not in err
+    assert json.loads((tmp_path / "x.json").read_text())["outcome"] == "interrupted"
+
+
+METRICS = {
+    "outcome": "reached", "sim_time_s": 20.0, "wall_time_s": 0.5, "real_time_factor": 40.0,
+    "path_length_m": 5.5, "shortest_path_m": 5.0, "spl": 0.909, "min_clearance_m": 0.12,
+    "contact_count": 0, "ate_rmse_m": 0.01, "yaw_rmse_rad": 0.0174533, "nees_mean": 2.9,
+    "replans": 12, "plan_ms_p50": 1.5, "plan_ms_p99": 4.0, "plan_evaluations": 123456,
+    "energy_j": 321.0, "state_hash": "0123456789abcdef", "seed": 3, "scenario": "[odd] name",
+    "planner": "tlbo",
+}  # fmt: skip
+
+
+def printed(draw):
+    console = Console(width=40, force_terminal=False)
+    with console.capture() as capture:
+        draw(console)
+    return capture.get()
+
+
+def test_the_table_of_results_reads_well():
+    text = printed(lambda console: print_result(console, METRICS))
+    assert text.startswith("[odd] name, seed 3, planner tlbo: goal reached")
+    assert "shortest safe way 5.00 m (1.10 x)" in text and "1.000 deg" in text
+    assert "123,456 evaluations" in text and "\x1b" not in text
+
+
+def test_the_table_of_results_bears_missing_figures():
+    missing = dict.fromkeys(
+        ("real_time_factor", "shortest_path_m", "min_clearance_m", "ate_rmse_m", "yaw_rmse_rad",
+         "nees_mean", "plan_ms_p50", "plan_ms_p99")
+    )  # fmt: skip
+    assert "none" in printed(lambda console: print_result(console, METRICS | missing))
+
+
+def test_tables_keep_their_columns_however_narrow_the_terminal():
+    rows = [["a", "x" * 60], ["long name", "y"]]
+    lines = printed(lambda console: print_table(console, "t", ["name", "what"], rows)).splitlines()
+    assert lines[0] == "t" and lines[1].index("what") == lines[2].index("x") == lines[3].index("y")
+
+
+def test_compiling_is_said_once_and_only_if_it_happens():
+    def compile_kernels(names):
+        def draw(console):
+            with compiling(console) as report:
+                for count, name in enumerate(names, start=1):
+                    report(name, count)
+
+        return draw
+
+    assert printed(compile_kernels([])) == ""
+    assert printed(compile_kernels(["one", "two"])).count("compiling") == 1
+    console = Console(force_terminal=True, width=120)
+    with console.capture() as capture:
+        compile_kernels(["one", "two"])(console)
+    assert "compiling kernel" in capture.get()
+
+
+def test_no_bar_where_nobody_looks():
+    def draw(console):
+        with progress_bar(console, 5.0, 60.0) as progress:
+            progress(1.0, 4.0)
+
+    assert printed(draw) == ""
+    console = Console(force_terminal=True, width=120)
+    with console.capture() as capture:
+        draw(console)
+    assert "1.0 s simulated" in capture.get() and "4.00 m to go" in capture.get()
+
+
+def test_the_benchmark_of_the_loop(tmp_path):
+    done = simloop(
+        "bench", "loop", "--scenario", "open", "--repeats", 1, *SHORT, "--json", tmp_path / "b.json"
+    )
+    assert done.returncode == 0, done.stderr
+    figures = json.loads((tmp_path / "b.json").read_text())
+    for name in ("real_time_factor", "real_time_factor_recording", "step_us", "lidar_scan_us"):
+        assert figures[name] > 0.0
+    assert figures["plant_only_ratio"] > 1.0
+    assert sum(stage["share"] for stage in figures["stages"].values()) < 1.1
+    for stage in figures["stages"].values():
+        assert 0.0 < stage["mean_ms"] <= stage["worst_ms"]
+    assert figures["stages"]["plant"]["calls"] > 0 and figures["outcome"] == "reached"
+
+
+def test_warming_up_counts_what_it_compiles():
+    from numba import njit
+    from numba.core import event
+
+    from simloop.warmup import _CompileListener
+
+    heard = []
+    listener = _CompileListener(lambda name, count: heard.append((name, count)))
+
+    @njit
+    def fresh(x):
+        return x + 1
+
+    with event.install_listener("numba:compile", listener):
+        fresh(1)
+        fresh(2)
+        fresh(1.0)
+    assert heard == [("fresh", 1), ("fresh", 2)] and listener.count == 2
