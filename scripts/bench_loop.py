@@ -1,0 +1,11 @@
+"""Speed of the closed loop: the same as ``simloop bench loop``."""
+
+from __future__ import annotations
+
+import sys
+
+from simloop.cli import main
+
+if __name__ == "__main__":
+    sys.argv[1:] = ["bench", "loop", *sys.argv[1:]]
+    main()

@@ -1,0 +1,11 @@
+"""The paper's experiment, recorded: the same as ``simloop run experiment --out runs/demo``."""
+
+from __future__ import annotations
+
+import sys
+
+from simloop.cli import main
+
+if __name__ == "__main__":
+    sys.argv[1:] = ["run", "experiment", "--out", "runs/demo", *sys.argv[1:]]
+    main()

@@ -1,0 +1,88 @@
+"""Many seeds of one scenario, summed up: how often reached, how fast, how near, how exact.
+
+    python scripts/run_seeds.py experiment --seeds 0:50 --workers 2 --json seeds.json
+
+Exit code 0 if every run reached its goal without a contact, else 1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simloop.errors import InputError
+from simloop.loop import Simulation
+from simloop.scenario import load
+
+_BOUNDS = {"sim_time_s": "s", "path_ratio": "x shortest", "ate_rmse_m": "m", "yaw_deg": "deg",
+           "min_clearance_m": "m", "plan_ms_p99": "ms", "nees_mean": "", "spl": ""}  # fmt: skip
+
+
+def run_one(job: tuple[str, list[str], int]) -> dict[str, Any]:
+    """The figures of one seed, with the two that people ask for in other units."""
+    name, overrides, seed = job
+    try:
+        figures = Simulation(load(name, overrides, seed=seed)).run().metrics
+    except InputError as error:
+        return {"seed": seed, "outcome": str(error), "contact_count": 0}
+    shortest, yaw = figures["shortest_path_m"], figures["yaw_rmse_rad"]
+    figures["path_ratio"] = figures["path_length_m"] / shortest if shortest else None
+    figures["yaw_deg"] = None if yaw is None else math.degrees(yaw)
+    return figures
+
+
+def summarise(runs: list[dict[str, Any]]) -> str:
+    """Counts of outcomes, then mean, least and greatest of the figures of the runs that arrived."""
+    reached = [run for run in runs if run["outcome"] == "reached"]
+    contacts = sum(run["contact_count"] for run in runs)
+    lines = [f"{len(reached)}/{len(runs)} reached, {contacts} contacts"]
+    lines += [f"  seed {run['seed']}: {run['outcome']}" for run in runs if run not in reached]
+    for key, unit in _BOUNDS.items():
+        values = [run[key] for run in reached if run.get(key) is not None]
+        if values:
+            mean, low, high = np.mean(values), min(values), max(values)
+            worst = max(reached, key=lambda run: run.get(key) or -math.inf)["seed"]
+            lines.append(
+                f"  {key:16} mean {mean:8.4f}  least {low:8.4f}  "
+                f"greatest {high:8.4f} {unit} (seed {worst})"
+            )
+    return "\n".join(lines)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scenario")
+    parser.add_argument("--seeds", default="0:50", help="A:B, from A to before B")
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--set", action="append", default=[], dest="overrides")
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    first, _, last = options.seeds.partition(":")
+    try:
+        seeds = range(int(first), int(last))
+        load(options.scenario, options.overrides)
+    except (InputError, ValueError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    jobs = [(options.scenario, options.overrides, seed) for seed in seeds]
+    if options.workers > 1:
+        with ProcessPoolExecutor(options.workers) as pool:
+            runs = list(pool.map(run_one, jobs))
+    else:
+        runs = [run_one(job) for job in jobs]
+    print(summarise(runs))
+    if options.json:
+        options.json.write_text(json.dumps(runs, indent=1) + "\n", encoding="utf-8")
+    good = all(run["outcome"] == "reached" and not run["contact_count"] for run in runs)
+    return 0 if good and runs else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
