@@ -91,7 +91,7 @@ def result_rows(metrics: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("time", f"{metrics['sim_time_s']:.2f} s, simulated in {metrics['wall_time_s']:.2f} s "
                  f"of wall time ({factor})"),
         ("path", f"{way}, SPL {metrics['spl']:.3f}"),
-        ("obstacles", f"{_figure(metrics['min_clearance_m'], '.3f', ' m')} at the closest, "
+        ("obstacles", f"{_gap(metrics['min_clearance_m'])}, "
                       f"{metrics['contact_count']} contacts"),
         ("localisation", f"{_figure(metrics['ate_rmse_m'], '.4f', ' m')} and "
                          f"{_figure(yaw_deg, '.3f', ' deg')} RMS error, "
@@ -123,3 +123,7 @@ def print_table(
 
 def _figure(value: float | None, form: str, unit: str = "") -> str:
     return "none" if value is None else f"{value:{form}}{unit}"
+
+
+def _gap(clearance_m: float | None) -> str:
+    return "none in this arena" if clearance_m is None else f"{clearance_m:.3f} m at the closest"
