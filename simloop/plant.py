@@ -12,6 +12,7 @@ import math
 import mujoco
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from simloop.config import Config
 from simloop.messages import FloatArray, Truth
@@ -28,6 +29,8 @@ from simloop.tracks import (
 )
 
 _GRAVITY_MPS2 = 9.81
+_GRAZING = 0.15  # cosine between a ray and the surface's normal below which it grazes
+_FAR_M = 0.01
 
 
 def geom_kinds(model: mujoco.MjModel) -> np.ndarray:
@@ -47,6 +50,32 @@ def geom_kinds(model: mujoco.MjModel) -> np.ndarray:
         for i in range(WHEELS_A_SIDE):
             kinds[model.geom(f"road_{label}_{i}").id] = WHEEL + side * WHEELS_A_SIDE + i
     return kinds
+
+
+@njit(cache=True)
+def carry_ranges(
+    ranges: FloatArray, normals: FloatArray, directions: FloatArray, offsets: FloatArray
+) -> NDArray[np.int64]:
+    """Carry ranges (n,) in place to origins moved by ``offsets`` (n, 3), the surface being a plane.
+
+    r' = r - (d . n) / (u . n) with n the surface's normal, d the offset, u the ray. Returns the
+    indices of rays that meet their surface at too flat an angle for that.
+    """
+    flat = np.empty(ranges.shape[0], np.int64)
+    count = 0
+    for i in range(ranges.shape[0]):
+        if ranges[i] < 0.0:
+            continue
+        along, off = 0.0, 0.0
+        for k in range(3):
+            along += directions[i, k] * normals[i, k]
+            off += offsets[i, k] * normals[i, k]
+        if abs(along) < _GRAZING or abs(off) > _FAR_M:
+            flat[count] = i
+            count += 1
+        else:
+            ranges[i] -= off / along
+    return flat[:count]
 
 
 @njit(cache=True)
@@ -104,7 +133,6 @@ class Plant:
             self.data.qfrc_applied,
             self.model.dof_frictionloss,
         )
-        self._hit_geom = np.empty(1, np.int32)
         # Rays see the arena, not the vehicle's own visual (2) and collision (3) geoms.
         self._ray_groups = np.array([1, 1, 0, 0, 0, 0], np.uint8)
         self.t_ns = 0
@@ -124,18 +152,34 @@ class Plant:
     def cast(self, origins_m: FloatArray, directions: FloatArray, cutoff_m: float) -> FloatArray:
         """Distances (n,) from ``origins_m`` (n, 3) along unit ``directions`` (n, 3).
 
-        -1 where nothing is met within ``cutoff_m``. Rays see the arena and not the vehicle.
+        -1 where nothing is met within ``cutoff_m``. Rays see the arena and not the vehicle. The
+        origins are those of one control period, millimetres apart: all rays are cast from the
+        middle one in one call, and each range is then carried over to its own origin along the
+        surface that was hit; a ray that grazes its surface is cast again on its own.
         """
-        model, data, groups, base = self.model, self.data, self._ray_groups, self._base
-        ray, geom = mujoco.mj_ray, self._hit_geom
-        found = np.array(
-            [
-                ray(model, data, origin, direction, groups, 1, base, geom)
-                for origin, direction in zip(origins_m, directions, strict=True)
-            ]
+        n, model, data = len(origins_m), self.model, self.data
+        normals, ranges, geoms = np.empty((n, 3)), np.empty(n), np.empty(n, np.int32)
+        middle = origins_m[n // 2]
+        mujoco.mj_multiRay(
+            model,
+            data,
+            middle,
+            directions.ravel(),
+            self._ray_groups,
+            1,
+            self._base,
+            geoms,
+            ranges,
+            normals.ravel(),
+            n,
+            cutoff_m,
         )
-        found[found > cutoff_m] = -1.0
-        return found
+        for i in carry_ranges(ranges, normals, directions, origins_m - middle):
+            ranges[i] = mujoco.mj_ray(
+                model, data, origins_m[i], directions[i], self._ray_groups, 1, self._base, geoms[:1]
+            )
+        ranges[ranges > cutoff_m] = -1.0
+        return ranges
 
     def reset(self, pose: FloatArray, settle_s: float = 0.5) -> Truth:
         """Put the vehicle at ``pose`` (3,) x, y, yaw, let it settle, and start the clock at 0."""
