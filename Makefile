@@ -38,7 +38,7 @@ slow: $(READY)
 	@$(PY) -m pytest -q -m slow
 
 lint: $(READY)
-	@$(PY) -m ruff check simloop scripts tests benchmarks
+	@$(PY) -m ruff check .
 	@$(PY) -m mypy
 
 bench: $(READY)
