@@ -22,7 +22,7 @@ from simloop.scenario import Scenario
 from simloop.se2 import wrap_angles
 from simloop.shortest import shortest_path
 
-Outcome = Literal["reached", "collision", "timeout", "stuck", "interrupted"]
+Outcome = Literal["reached", "collision", "timeout", "stuck"]
 
 _NEES_PERIOD_NS = 100_000_000
 _PACKAGES = (
@@ -93,7 +93,7 @@ class RunMetrics:
         state_hash: str,
         wall_time_s: float,
         plan_ms: Sequence[float],
-        outcome: Outcome | None = None,
+        outcome: str | None = None,
     ) -> dict[str, Any]:
         """The figures that ``--json`` writes; None where a figure does not exist.
 
@@ -106,9 +106,10 @@ class RunMetrics:
 
         ate_rmse_m and yaw_rmse_rad compare estimate and truth in map at the estimates' instants,
         without any alignment: both start from the same, known pose. nees_mean is that of
-        x, y, yaw at 10 Hz (3 for a consistent filter; Bar-Shalom 2001, Eq. 5.4.2-1).
+        x, y, yaw at 10 Hz (3 for a consistent filter; Bar-Shalom et al. 2001, Sec. 5.4).
 
-        plan_ms: wall times of the planner's calls; replans: its calls after the first.
+        plan_ms: wall times of the planner's calls; replans: its calls after the first. outcome:
+        where the loop knows better than the truth alone (``interrupted``, ``missed``).
         """
         outcome = outcome or self.outcome()
         poses = np.array(self._true_poses).reshape(-1, 3)
