@@ -144,17 +144,28 @@ class EkfConfig:
 
 @dataclass(frozen=True, slots=True, config=_STRICT)
 class SlamConfig:
-    """Grid and scan matcher."""
+    """Grid and scan matcher.
+
+    grain_m: how far a hit may lie from its surface. least_overlap: share of the points that must
+    meet the map. match_std_*: the map's own error, a floor under every fix. beyond_m: how far
+    past the goal waypoints may lie.
+    """
 
     resolution_m: Positive = 0.05
     hit_log_odds: Positive = 0.9
     miss_log_odds: Positive = 0.4
     max_log_odds: Positive = 5.0
-    occupied_log_odds: float = 0.5
+    occupied_log_odds: NonNegative = 0.5
     search_xy_m: Positive = 0.15
     search_yaw_rad: Positive = 0.10
+    search_points: Annotated[int, Field(ge=10)] = 90
+    grain_m: Positive = 0.01
+    refine_steps: Annotated[int, Field(ge=1)] = 12
+    least_overlap: Fraction = 0.4
+    most_residual: Positive = 5.0
     match_std_xy_m: Positive = 0.004
     match_std_yaw_rad: Positive = 0.002
+    beyond_m: Positive = 0.5
 
 
 @dataclass(frozen=True, slots=True, config=_STRICT)

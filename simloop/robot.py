@@ -153,7 +153,7 @@ class Robot:
         if not self._plan.safe and estimate.t_ns - self._planned_ns < _HOPELESS_NS:
             return False
         with self._time["slam"]:
-            view = self._slam.view(estimate.t_ns, self._mission.goal)
+            view = self._slam.view(estimate.t_ns, self._mission.goal, discs=False)
         with self._time["smoother"]:
             was, now = self._smoother.clearances(path, view, self._tracker.ahead)
         limit = self._config.planner.safe_distance_m - _BLOCKED_SLACK_M

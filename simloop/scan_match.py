@@ -1,0 +1,221 @@
+"""Compiled kernels of the scan matcher: deskewing, correlative search, refinement.
+
+The refinement is a normal-distributions match: a map cell's surface is what the hit means of the
+3 x 3 cells about it say (their weighted mean and covariance, after Biber & Strasser 2003), and a
+point's residual from it is weighted with the inverse of that covariance. Along a wall that is a
+point-to-line match, to a fraction of a cell; at a corner or a thin post it pulls in both axes.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from simloop.messages import FloatArray
+from simloop.se2 import interpolate_xyt, wrap_angle
+
+_ROBUST = 9.0  # squared Mahalanobis distance at which a point's weight has fallen to a quarter
+_LEAST_COUNT = 2  # cells that make a surface
+
+
+@njit(cache=True)
+def deskew(
+    angles: FloatArray,
+    ranges: FloatArray,
+    beam_t_ns: NDArray[np.int64],
+    limits: FloatArray,
+    trail_t_ns: NDArray[np.int64],
+    trail: FloatArray,
+    mount: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Hit points and beam origins, both (m, 2), in base_link at the end of the trail.
+
+    trail: (k, 3) poses of base_link at rising trail_t_ns (k,); each beam is placed by the pose
+    interpolated at its own instant. limits: (2,) least and greatest range. mount: (3,)
+    base_from_laser. Beams that are not finite or out of range are left out.
+    """
+    points, origins = np.empty((angles.shape[0], 2)), np.empty((angles.shape[0], 2))
+    last = trail.shape[0] - 1
+    ex, ey, eyaw = trail[last, 0], trail[last, 1], trail[last, 2]
+    cos_end, sin_end = math.cos(eyaw), math.sin(eyaw)
+    count, k = 0, 0
+    for i in range(angles.shape[0]):
+        r = ranges[i]
+        if not (limits[0] <= r <= limits[1]):
+            continue
+        while k + 1 < last and trail_t_ns[k + 1] < beam_t_ns[i]:
+            k += 1
+        while k > 0 and trail_t_ns[k] > beam_t_ns[i]:
+            k -= 1
+        if last == 0:
+            x, y, yaw = ex, ey, eyaw
+        else:
+            f = (beam_t_ns[i] - trail_t_ns[k]) / (trail_t_ns[k + 1] - trail_t_ns[k])
+            x, y, yaw = interpolate_xyt(
+                trail[k, 0],
+                trail[k, 1],
+                trail[k, 2],
+                trail[k + 1, 0],
+                trail[k + 1, 1],
+                trail[k + 1, 2],
+                f,
+            )
+        c, s = math.cos(yaw), math.sin(yaw)
+        lx = x + c * mount[0] - s * mount[1] - ex
+        ly = y + s * mount[0] + c * mount[1] - ey
+        heading = yaw + mount[2] + angles[i]
+        px, py = lx + r * math.cos(heading), ly + r * math.sin(heading)
+        origins[count, 0] = cos_end * lx + sin_end * ly
+        origins[count, 1] = cos_end * ly - sin_end * lx
+        points[count, 0] = cos_end * px + sin_end * py
+        points[count, 1] = cos_end * py - sin_end * px
+        count += 1
+    return points[:count].copy(), origins[:count].copy()
+
+
+@njit(cache=True)
+def correlate(
+    points: FloatArray,
+    prior: FloatArray,
+    offsets: FloatArray,
+    likelihood: NDArray[np.float32],
+    x0: float,
+    y0: float,
+    resolution: float,
+) -> tuple[FloatArray, float]:
+    """Best pose (3,) of ``prior + offset`` for offsets (n, 3), and its mean likelihood, 0 to 1.
+
+    likelihood: (rows, cols) of a hit in each cell; (x0, y0) the grid's lower left corner.
+    The first of equals wins, so that offsets are best given nearest first (Olson 2009).
+    """
+    best, found = -1.0, np.zeros(3)
+    rows, cols = likelihood.shape
+    for o in range(offsets.shape[0]):
+        x, y, yaw = prior[0] + offsets[o, 0], prior[1] + offsets[o, 1], prior[2] + offsets[o, 2]
+        cos, sin, total = math.cos(yaw), math.sin(yaw), 0.0
+        for i in range(points.shape[0]):
+            px = x + cos * points[i, 0] - sin * points[i, 1]
+            py = y + sin * points[i, 0] + cos * points[i, 1]
+            col, row = math.floor((px - x0) / resolution), math.floor((py - y0) / resolution)
+            if 0 <= row < rows and 0 <= col < cols:
+                total += likelihood[row, col]
+        if total > best + 1e-9:
+            best = total
+            found[0], found[1], found[2] = x, y, wrap_angle(yaw)
+    return found, best / max(1, points.shape[0])
+
+
+@njit(cache=True)
+def surface_at(
+    row: int,
+    col: int,
+    occupied: NDArray[np.bool_],
+    hits: FloatArray,
+    grain: float,
+    out: FloatArray,
+) -> bool:
+    """Write mean and inverse covariance (5,) x, y, a, b, c of the surface about a cell; False: none.
+
+    occupied: (rows, cols); hits: (rows, cols, 3) sums of x, y and count of the hits, m. grain: m,
+    standard deviation added in every direction. The inverse covariance is [[a, b], [b, c]].
+    """
+    cells = 0
+    weight = sx = sy = sxx = sxy = syy = 0.0
+    rows, cols = occupied.shape
+    for i in range(max(0, row - 1), min(rows, row + 2)):
+        for j in range(max(0, col - 1), min(cols, col + 2)):
+            if not occupied[i, j] or hits[i, j, 2] <= 0.0:
+                continue
+            n = hits[i, j, 2]
+            x, y = hits[i, j, 0] / n, hits[i, j, 1] / n
+            w = min(n, 10.0)
+            cells += 1
+            weight += w
+            sx += w * x
+            sy += w * y
+            sxx += w * x * x
+            sxy += w * x * y
+            syy += w * y * y
+    if cells < _LEAST_COUNT:
+        return False
+    mx, my = sx / weight, sy / weight
+    floor = grain * grain
+    cxx, cyy = sxx / weight - mx * mx + floor, syy / weight - my * my + floor
+    cxy = sxy / weight - mx * my
+    det = cxx * cyy - cxy * cxy
+    if det < 1e-12:
+        return False
+    out[0], out[1] = mx, my
+    out[2], out[3], out[4] = cyy / det, -cxy / det, cxx / det
+    return True
+
+
+@njit(cache=True)
+def refine(
+    points: FloatArray,
+    start: FloatArray,
+    occupied: NDArray[np.bool_],
+    hits: FloatArray,
+    x0: float,
+    y0: float,
+    resolution: float,
+    grain: float,
+    most_steps: int,
+) -> tuple[FloatArray, FloatArray, float, float]:
+    """Gauss-Newton from ``start`` (3,): pose (3,), information (3, 3), matched share, mean residual.
+
+    The information is that of the last step, robust weights included; the mean residual is the
+    squared Mahalanobis distance a matched point, about 2 or less when the scan fits the map. Sums
+    are taken about (x0, y0), which keeps the hit sums well conditioned.
+    """
+    pose, surface = start.copy(), np.empty(5)
+    h, g = np.zeros((3, 3)), np.zeros(3)
+    share, residual = 0.0, 0.0
+    for _ in range(most_steps):
+        h[:] = 0.0
+        g[:] = 0.0
+        matched, total = 0, 0.0
+        cos, sin = math.cos(pose[2]), math.sin(pose[2])
+        for i in range(points.shape[0]):
+            rx = cos * points[i, 0] - sin * points[i, 1]
+            ry = sin * points[i, 0] + cos * points[i, 1]
+            px, py = pose[0] + rx - x0, pose[1] + ry - y0
+            row, col = math.floor(py / resolution), math.floor(px / resolution)
+            if row < 0 or col < 0 or row >= occupied.shape[0] or col >= occupied.shape[1]:
+                continue
+            if not surface_at(row, col, occupied, hits, grain, surface):
+                continue
+            dx, dy = px - surface[0], py - surface[1]
+            a, b, c = surface[2], surface[3], surface[4]
+            d2 = a * dx * dx + 2.0 * b * dx * dy + c * dy * dy
+            w = 1.0 / (1.0 + d2 / _ROBUST) ** 2
+            matched += 1
+            total += min(d2, _ROBUST)
+            # Residual's Jacobian: [1 0 -ry; 0 1 rx]
+            ja, jb = -a * ry + b * rx, -b * ry + c * rx
+            gx, gy = a * dx + b * dy, b * dx + c * dy
+            h[0, 0] += w * a
+            h[0, 1] += w * b
+            h[1, 1] += w * c
+            h[0, 2] += w * ja
+            h[1, 2] += w * jb
+            h[2, 2] += w * (-ry * ja + rx * jb)
+            g[0] += w * gx
+            g[1] += w * gy
+            g[2] += w * (-ry * gx + rx * gy)
+        if matched < 10:
+            return pose, h, 0.0, 1e9
+        share, residual = matched / points.shape[0], total / matched
+        h[1, 0], h[2, 0], h[2, 1] = h[0, 1], h[0, 2], h[1, 2]
+        for k in range(3):
+            h[k, k] += 1e-9
+        step = np.linalg.solve(h, g)
+        pose[0] -= step[0]
+        pose[1] -= step[1]
+        pose[2] = wrap_angle(pose[2] - step[2])
+        if abs(step[0]) + abs(step[1]) < 1e-4 and abs(step[2]) < 1e-4:
+            break
+    return pose, h, share, residual
