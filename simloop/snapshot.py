@@ -1,0 +1,338 @@
+"""Pictures of a run: eight moments, each with the planner's view, and one sheet of them all.
+
+After Sabiha 2022, Fig. 19. While the run goes on only references to its (immutable) messages
+are kept, about twice a second; all drawing is done at the end.
+"""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import cv2
+import mujoco
+import numpy as np
+
+from simloop.arena import bounds_of
+from simloop.config import VehicleConfig
+from simloop.messages import (
+    Estimate,
+    FloatArray,
+    LidarScan,
+    MapUpdate,
+    Message,
+    Plan,
+    SmoothPath,
+    TrackCommand,
+    Truth,
+    WorldView,
+)
+from simloop.planner_view import PAPER, Belief, Image, PlannerView, write_text
+
+_log = logging.getLogger(__name__)
+
+_SCENE_PX = (760, 640)
+_INSET_PX = 410
+_COLUMNS = 4
+_MARGIN_PX = 14
+_GREY = (110, 104, 98)
+_PATH_RGBA = (0.12, 0.42, 0.79, 1.0)
+_TRAIL_RGBA = (0.24, 0.59, 0.35, 1.0)
+_GOAL_RGBA = (0.16, 0.63, 0.27, 1.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Moment:
+    truth: Truth
+    belief: Belief
+    mode: str
+    trail_length: int
+
+
+class Snapshots:
+    """A listener of the loop that draws what it heard.
+
+    model: the arena with the vehicle. directory: made when the drawing is done. goal: (2,) in
+    map. Nothing that it does can be felt by the run. If no OpenGL can be had, it says so once
+    and draws the planner's views alone.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        directory: str | Path,
+        goal: Sequence[float] | FloatArray,
+        vehicle: VehicleConfig | None = None,
+        title: str = "",
+        moments: int = 8,
+        period_s: float = 0.5,
+    ) -> None:
+        self._model, self._directory, self._title = model, Path(directory), title
+        self._goal, self._count = np.array(goal[:2], float), moments
+        self._vehicle = vehicle if vehicle is not None else VehicleConfig()
+        self._period_ns, self._due_ns = round(period_s * 1e9), 0
+        self._latest: dict[type, Any] = {}
+        self._scan_pose: FloatArray | None = None
+        self._truths: list[FloatArray] = []
+        self._estimates: list[FloatArray] = []
+        self._moments: list[_Moment] = []
+        self._take: dict[type, Callable[[Any], None]] = {Truth: self._on_truth}
+        for kind in (MapUpdate, WorldView, Plan, SmoothPath, TrackCommand, LidarScan, Estimate):
+            self._take[kind] = self._keep
+
+    def offer(self, message: Message) -> None:
+        """Take one message; those of no use here are passed over."""
+        take = self._take.get(type(message))
+        if take is not None:
+            take(message)
+
+    def finish(self) -> Path | None:
+        """Write ``moment_1.png`` ... and ``contact_sheet.png``; the sheet's path.
+
+        None if nothing was ever offered. Raises OSError if a file cannot be written.
+        """
+        if not self._latest.get(Truth):
+            return None
+        self._moments.append(self._moment())
+        chosen = self._chosen()
+        self._directory.mkdir(parents=True, exist_ok=True)
+        tiles = self._tiles(chosen)
+        for number, tile in enumerate(tiles, start=1):
+            _write(self._directory / f"moment_{number}.png", tile)
+        sheet = self._directory / "contact_sheet.png"
+        _write(sheet, self._sheet(tiles))
+        return sheet
+
+    def _keep(self, message: Message) -> None:
+        self._latest[type(message)] = message
+        if isinstance(message, LidarScan):
+            self._scan_pose = None
+        elif isinstance(message, Estimate) and self._scan_pose is None:
+            self._scan_pose = message.pose  # corrected by the scan's own match
+
+    def _on_truth(self, truth: Truth) -> None:
+        # The truth opens a tick: a moment is what was known when the last tick ended.
+        if self._latest.get(Truth) is not None and self._latest[Truth].t_ns >= self._due_ns:
+            self._moments.append(self._moment())
+            self._due_ns += self._period_ns
+        self._latest[Truth] = truth
+
+    def _moment(self) -> _Moment:
+        known, truth = self._latest, self._latest[Truth]
+        estimate, command = known.get(Estimate), known.get(TrackCommand)
+        pose = truth.pose_xyyaw if estimate is None else estimate.pose
+        self._truths.append(truth.position_m)
+        self._estimates.append(pose[:2])
+        belief = Belief(
+            pose,
+            self._goal,
+            np.array(self._estimates),
+            known.get(MapUpdate),
+            known.get(WorldView),
+            known.get(Plan),
+            known.get(SmoothPath),
+            known.get(LidarScan),
+            self._scan_pose,
+        )
+        mode = "" if command is None else command.mode
+        return _Moment(truth, belief, mode, len(self._truths))
+
+    def _chosen(self) -> list[_Moment]:
+        """Evenly spread in time, the first and the last among them, none twice."""
+        times = np.array([moment.truth.t_ns for moment in self._moments])
+        wanted = np.linspace(times[0], times[-1], self._count)
+        nearest = {int(np.argmin(np.abs(times - t))) for t in wanted[:-1]} | {len(times) - 1}
+        return [self._moments[i] for i in sorted(nearest)]
+
+    def _tiles(self, chosen: list[_Moment]) -> list[Image]:
+        laser = self._model.site("lidar").pos[:2]
+        view = PlannerView(bounds_of(self._model), _INSET_PX, self._vehicle, laser)
+        insets = [view.draw(moment.belief) for moment in chosen]
+        try:
+            with _Stage(self._model, _SCENE_PX) as stage:
+                trail = np.array(self._truths)
+                scenes = [
+                    stage.shoot(m.truth, m.belief.path, trail[: m.trail_length], self._goal)
+                    for m in chosen
+                ]
+        except _NoOpenGL as error:
+            _log.warning("snapshots without the 3D scene: %s", error)
+            return [self._flat_tile(m, inset) for m, inset in zip(chosen, insets, strict=True)]
+        return [self._tile(m, s, i) for m, s, i in zip(chosen, scenes, insets, strict=True)]
+
+    def _tile(self, moment: _Moment, scene: Image, inset: Image) -> Image:
+        """The scene, and beside it the planner's view with its caption."""
+        width, height = _SCENE_PX
+        tile = np.full((height, width + _INSET_PX + 2 * _MARGIN_PX, 3), PAPER, np.uint8)
+        tile[:, :width] = scene
+        left, top = width + _MARGIN_PX, 175
+        tile[top : top + _INSET_PX, left : left + _INSET_PX] = inset
+        self._caption(tile, moment, left, 54)
+        write_text(tile, "what the planner knows", (left, top + _INSET_PX + 30), 0.62, _GREY)
+        return tile
+
+    def _flat_tile(self, moment: _Moment, inset: Image) -> Image:
+        tile = np.full((_INSET_PX + 160, _INSET_PX + 2 * _MARGIN_PX, 3), PAPER, np.uint8)
+        tile[_MARGIN_PX : _MARGIN_PX + _INSET_PX, _MARGIN_PX : _MARGIN_PX + _INSET_PX] = inset
+        self._caption(tile, moment, _MARGIN_PX, _INSET_PX + 60)
+        return tile
+
+    def _caption(self, tile: Image, moment: _Moment, left: int, line: int) -> None:
+        truth = moment.truth
+        to_go = float(np.hypot(*(truth.pose_xyyaw[:2] - self._goal)))
+        write_text(tile, f"{truth.t_ns * 1e-9:.1f} s", (left, line), 1.5)
+        write_text(tile, f"{to_go:.2f} m to go", (left, line + 48), 1.0)
+        speed = f"{truth.velocity_body[0]:.2f} m/s"
+        text = f"{speed}, {moment.mode}" if moment.mode else speed
+        write_text(tile, text, (left, line + 86), 0.75, _GREY)
+
+    def _sheet(self, tiles: list[Image]) -> Image:
+        height, width = tiles[0].shape[:2]
+        columns = min(_COLUMNS, len(tiles))
+        rows = -(-len(tiles) // columns)
+        gap, head = _MARGIN_PX, 90 if self._title else _MARGIN_PX
+        shape = (head + rows * (height + gap), gap + columns * (width + gap), 3)
+        sheet = np.full(shape, PAPER, np.uint8)
+        if self._title:
+            write_text(sheet, self._title, (2 * gap, 60), 1.5)
+        for number, tile in enumerate(tiles):
+            row, column = divmod(number, columns)
+            top, left = head + row * (height + gap), gap + column * (width + gap)
+            sheet[top : top + height, left : left + width] = tile
+        return sheet
+
+
+def _write(path: Path, image: Image) -> None:
+    done, png = cv2.imencode(".png", image)
+    if not done:
+        raise OSError(f"could not encode {path}")
+    path.write_bytes(png.tobytes())
+
+
+class _NoOpenGL(RuntimeError):
+    """There is no way to draw off screen; the text says how to get one."""
+
+
+class _Stage:
+    """An OpenGL context off screen and the arena in it; a context manager."""
+
+    def __init__(self, model: mujoco.MjModel, size_px: tuple[int, int]) -> None:
+        self._model, self._size_px = model, size_px
+        self._data = mujoco.MjData(model)
+
+    def __enter__(self) -> _Stage:
+        self._gl = _open_gl(*self._size_px)
+        try:
+            offscreen = self._model.vis.global_
+            offscreen.offwidth, offscreen.offheight = self._size_px
+            self._scene = mujoco.MjvScene(self._model, maxgeom=4000)
+            self._context = mujoco.MjrContext(
+                self._model, mujoco.mjtFontScale.mjFONTSCALE_100.value
+            )
+            mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
+        except mujoco.FatalError as error:
+            self._gl.free()
+            raise _NoOpenGL(f"OpenGL failed ({error})") from error
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._context.free()
+        self._gl.free()
+
+    def shoot(
+        self, truth: Truth, path: SmoothPath | None, trail_m: FloatArray, goal: FloatArray
+    ) -> Image:
+        """(height, width, 3), blue first: the vehicle, its trail, its path and the goal."""
+        data, model, (width, height) = self._data, self._model, self._size_px
+        data.qpos[:3], data.qpos[3:7] = truth.position_m, truth.quaternion_wxyz
+        for name, angle in zip(("left", "right"), truth.sprocket_rad, strict=True):
+            data.qpos[model.joint(f"sprocket_{name}_joint").qposadr[0]] = angle
+        mujoco.mj_forward(model, data)
+        option, perturb = mujoco.MjvOption(), mujoco.MjvPerturb()
+        category = mujoco.mjtCatBit.mjCAT_ALL.value
+        mujoco.mjv_updateScene(model, data, option, perturb, self._camera(), category, self._scene)
+        self._disc(goal, 0.20, 0.002, (1.0, 1.0, 1.0, 1.0))
+        self._disc(goal, 0.17, 0.003, _GOAL_RGBA)
+        self._ribbon(trail_m[:, :2], 0.006, _TRAIL_RGBA)
+        if path is not None:
+            self._ribbon(path.xy_m[::4], 0.009, _PATH_RGBA)
+        viewport = mujoco.MjrRect(0, 0, width, height)
+        mujoco.mjr_render(viewport, self._scene, self._context)
+        image = np.empty((height, width, 3), np.uint8)
+        mujoco.mjr_readPixels(image, None, viewport, self._context)
+        return np.ascontiguousarray(image[::-1, :, ::-1])
+
+    def _camera(self) -> mujoco.MjvCamera:
+        """The arena's own overview, or one from the south that has all of its bounds in view."""
+        camera = mujoco.MjvCamera()
+        overview = mujoco.mj_name2id(self._model, mujoco.mjtObj.mjOBJ_CAMERA, "overview")
+        if overview >= 0:
+            camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, overview
+            return camera
+        bounds = bounds_of(self._model)
+        camera.lookat[:2] = 0.5 * (bounds[:2] + bounds[2:])
+        camera.distance = 1.6 * float(np.max(bounds[2:] - bounds[:2]))
+        camera.azimuth, camera.elevation = 90.0, -55.0
+        return camera
+
+    def _geom(self) -> mujoco.MjvGeom | None:
+        """The scene's next free decoration, or None if it is full."""
+        if self._scene.ngeom >= self._scene.maxgeom:
+            return None
+        self._scene.ngeom += 1
+        return self._scene.geoms[self._scene.ngeom - 1]
+
+    def _disc(
+        self, centre: FloatArray, radius: float, height: float, rgba: tuple[float, ...]
+    ) -> None:
+        geom = self._geom()
+        if geom is not None:
+            size, where = np.array([radius, height, 0.0]), np.array([*centre, height])
+            kind = mujoco.mjtGeom.mjGEOM_CYLINDER
+            colour = np.array(rgba, np.float32)
+            mujoco.mjv_initGeom(geom, kind, size, where, np.eye(3).ravel(), colour)
+
+    def _ribbon(self, points_m: FloatArray, height: float, rgba: tuple[float, ...]) -> None:
+        for start, end in itertools.pairwise(points_m):
+            geom = self._geom()
+            if geom is None:
+                return
+            kind = mujoco.mjtGeom.mjGEOM_CAPSULE
+            colour = np.array(rgba, np.float32)
+            mujoco.mjv_initGeom(geom, kind, np.zeros(3), np.zeros(3), np.eye(3).ravel(), colour)
+            ends = np.array([*start, height]), np.array([*end, height])
+            mujoco.mjv_connector(geom, kind, 0.016, *ends)
+
+
+def _open_gl(width: int, height: int) -> Any:
+    """A current OpenGL context: the one that MUJOCO_GL names, or the first that works."""
+    asked = os.environ.get("MUJOCO_GL", "").lower()
+    names = [asked] if asked in ("egl", "osmesa", "glfw") else ["egl", "osmesa"]
+    if not asked and os.environ.get("DISPLAY"):
+        names.append("glfw")
+    failures = []
+    for name in names:
+        platform = os.environ.get("PYOPENGL_PLATFORM")
+        try:
+            context = import_module(f"mujoco.{name}").GLContext(width, height)
+            context.make_current()
+            return context
+        except Exception as error:  # each backend fails in a way of its own, loading included
+            failures.append(f"{name}: {' '.join(str(error).split()) or type(error).__name__}")
+            if platform is None:
+                os.environ.pop("PYOPENGL_PLATFORM", None)
+    raise _NoOpenGL(
+        f"no OpenGL off screen ({'; '.join(failures)}); on Debian: apt-get install libegl1 libgl1"
+    )
