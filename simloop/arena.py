@@ -21,6 +21,7 @@ from simloop.floor_plan import BAND_M, FloorPlan, Section, rasterise
 from simloop.messages import FloatArray
 from simloop.obstacles import Obstacle, ellipse_outline
 from simloop.paths import models_dir
+from simloop.shapes import Body, Shape, ShapeKind
 
 __all__ = [
     "FloorPlan",
@@ -32,9 +33,21 @@ __all__ = [
     "build",
     "draw_clutter",
     "floor_plan",
+    "scene_bodies",
+    "scene_shapes",
 ]
 
 _MATERIALS = ("oak", "teal", "brick", "mustard", "slate", "sage", "plum")
+_COLLISION_GROUP = 3
+_KINDS: dict[int, ShapeKind] = {
+    mujoco.mjtGeom.mjGEOM_PLANE.value: "plane",
+    mujoco.mjtGeom.mjGEOM_SPHERE.value: "sphere",
+    mujoco.mjtGeom.mjGEOM_CAPSULE.value: "capsule",
+    mujoco.mjtGeom.mjGEOM_ELLIPSOID.value: "ellipsoid",
+    mujoco.mjtGeom.mjGEOM_CYLINDER.value: "cylinder",
+    mujoco.mjtGeom.mjGEOM_BOX.value: "box",
+    mujoco.mjtGeom.mjGEOM_MESH.value: "mesh",
+}
 _UPRIGHT = 1.0 - 1e-9
 _ROUND = 64
 """Points round a tilted round thing: its outline is then right to about 0.1 % of its radius."""
@@ -109,6 +122,51 @@ def floor_plan(
             section = section_of_geom(model, data, int(geom), name, band_m)
             sections += [section] if section is not None else []
     return rasterise(sections, bounds_of(model), resolution_m)
+
+
+def scene_shapes(model: mujoco.MjModel) -> list[Shape]:
+    """Everything that is to be seen: all geoms but those of the collision group."""
+    shapes = []
+    for geom in range(model.ngeom):
+        kind = _KINDS.get(int(model.geom_type[geom]))
+        if kind is None or model.geom_group[geom] >= _COLLISION_GROUP:
+            continue
+        material = model.geom_matid[geom]
+        rgba = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
+        vertices = faces = None
+        if kind == "mesh":
+            mesh = model.mesh(model.geom_dataid[geom])
+            start, count = int(mesh.vertadr[0]), int(mesh.vertnum[0])
+            vertices = model.mesh_vert[start : start + count].astype(np.float64)
+            start, count = int(mesh.faceadr[0]), int(mesh.facenum[0])
+            faces = model.mesh_face[start : start + count].copy()
+        shapes.append(
+            Shape(
+                model.geom(geom).name or f"geom_{geom}",
+                model.body(model.geom_bodyid[geom]).name,
+                kind,
+                model.geom_pos[geom].copy(),
+                model.geom_quat[geom].copy(),
+                model.geom_size[geom].copy(),
+                rgba.astype(np.float64),
+                vertices,
+                faces,
+            )
+        )
+    return shapes
+
+
+def scene_bodies(model: mujoco.MjModel) -> list[Body]:
+    """Every body but the world, parents first."""
+    return [
+        Body(
+            model.body(i).name,
+            model.body(model.body_parentid[i]).name,
+            model.body_pos[i].copy(),
+            model.body_quat[i].copy(),
+        )
+        for i in range(1, model.nbody)
+    ]
 
 
 def _with_vehicle(path: Path) -> mujoco.MjSpec:

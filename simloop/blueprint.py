@@ -1,0 +1,65 @@
+"""How a recording opens: the scene large, figures beside it, events below."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from simloop.messages import FloatArray
+
+if TYPE_CHECKING:
+    import rerun.blueprint as rrb
+
+
+def make_blueprint(bounds_m: FloatArray, timeline: str) -> rrb.Blueprint:
+    """The arrangement for an arena with bounds (4,) x_min, y_min, x_max, y_max, m."""
+    import rerun.blueprint as rrb
+
+    centre = 0.5 * (bounds_m[:2] + bounds_m[2:])
+    span = float(max(bounds_m[2:] - bounds_m[:2]))
+    scene = rrb.Spatial3DView(
+        origin="/map",
+        name="Room, robot and what it knows",
+        background=[250, 250, 250],
+        line_grid=rrb.LineGrid3D(visible=False),
+        eye_controls=rrb.EyeControls3D(
+            position=[centre[0], centre[1] - 1.05 * span, 1.15 * span],
+            look_target=[centre[0], centre[1] - 0.05 * span, 0.0],
+            eye_up=[0.0, 0.0, 1.0],
+        ),
+    )
+    events = rrb.TextLogView(origin="/events", name="Events")
+
+    def plot(name: str, *origins: str) -> Any:
+        contents = [f"/plots/{origin}/**" for origin in origins]
+        return rrb.TimeSeriesView(origin="/plots", contents=contents, name=name)
+
+    figures = rrb.Vertical(
+        plot("Speed, m/s", "speed"),
+        rrb.Tabs(
+            plot("Tracks, m/s", "track"),
+            plot("Yaw rate, rad/s", "yaw_rate"),
+            plot("Currents, A", "current"),
+            plot("Voltages, V", "voltage"),
+            plot("Energy, J", "energy"),
+        ),
+        rrb.Tabs(
+            plot("Position error, m", "error_position"),
+            plot("Yaw error, rad", "error_yaw"),
+            plot("NEES", "nees"),
+            plot("Filter", "filter"),
+            plot("Scan match", "match"),
+        ),
+        rrb.Tabs(
+            plot("Clearance of the path, m", "clearance"),
+            plot("Plan's cost", "plan_cost"),
+            plot("Plan's effort", "plan_effort"),
+        ),
+    )
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(scene, events, row_shares=[4, 1]), figures, column_shares=[2, 1]
+        ),
+        rrb.TimePanel(timeline=timeline),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+    )

@@ -1,0 +1,397 @@
+"""Records a run for rerun's viewer. It reads messages, and nothing can be felt by the run.
+
+Messages are kept as they come and written about once a simulated second, in columns: a call of
+the recording library costs the same for one row as for a hundred.
+"""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import os
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from simloop.blueprint import make_blueprint
+from simloop.config import VehicleConfig
+from simloop.messages import (
+    EncoderReading,
+    Estimate,
+    Event,
+    FloatArray,
+    LidarScan,
+    MapUpdate,
+    Message,
+    Plan,
+    PoseFix,
+    SmoothPath,
+    TrackCommand,
+    Truth,
+    WorldView,
+)
+from simloop.odometry import Odometry, compose_all, inverse_all
+from simloop.scene_log import BASE, MAP, ODOM, log_scene
+from simloop.se2 import wrap_angles
+from simloop.shapes import Body, Shape
+
+if TYPE_CHECKING:
+    import rerun as rr
+
+TIMELINE = "sim_time"
+_FLUSH_NS = 1_000_000_000
+_FLUSH_TIMEOUT_S = 10.0
+_POSE_TICKS = 4  # poses at 25 Hz, of the control loop's 100
+_CHI2_95_2DOF = 5.991
+_ELLIPSE_SCALE = 10.0
+_ROUND = np.stack([f(np.linspace(0.0, 2.0 * np.pi, 33)) for f in (np.cos, np.sin)], axis=1)
+
+_log = logging.getLogger(__name__)
+
+Column = Callable[[list[Any]], FloatArray]
+
+
+def _column(read: Callable[[Any], Any]) -> Column:
+    return lambda messages: np.array([read(m) for m in messages], dtype=np.float64)
+
+
+# Each entity's source, its lines' names, and how a message gives their values.
+_SERIES: dict[str, tuple[type, tuple[str, ...], Column]] = {
+    "speed/true": (Truth, ("true",), _column(lambda m: m.velocity_body[0])),
+    "speed/believed": (Estimate, ("believed",), _column(lambda m: m.state[3])),
+    "speed/asked": (TrackCommand, ("asked",), _column(lambda m: m.speed_mps)),
+    "yaw_rate/true": (Truth, ("true",), _column(lambda m: m.velocity_body[5])),
+    "yaw_rate/believed": (Estimate, ("believed",), _column(lambda m: m.state[4])),
+    "yaw_rate/asked": (TrackCommand, ("asked",), _column(lambda m: m.yaw_rate_radps)),
+    "current": (Truth, ("left", "right"), _column(lambda m: m.motor_current_a)),
+    "voltage": (Truth, ("left", "right"), _column(lambda m: m.motor_voltage_v)),
+    "energy": (Truth, ("drawn",), _column(lambda m: m.energy_j)),
+    "contacts": (Truth, ("contacts",), _column(lambda m: m.contact_count)),
+    "filter": (Estimate, ("gyro bias", "gauge ratio"), _column(lambda m: m.state[5:7])),
+    "match": (PoseFix, ("score", "taken"), _column(lambda m: (m.score, m.ok))),
+    "clearance": (SmoothPath, ("least",), _column(lambda m: np.min(m.clearance_m, initial=np.inf))),
+    "plan_cost": (
+        Plan,
+        ("cost", "length, m", "turning, rad"),
+        _column(lambda m: (m.cost, m.length_m, m.turning_rad)),
+    ),
+    "plan_effort": (
+        Plan,
+        ("evaluations", "generations"),
+        _column(lambda m: (m.evaluations, m.generations)),
+    ),
+}
+_DERIVED = {
+    "track/true": ("left, true", "right, true"),
+    "track/asked": ("left, asked", "right, asked"),
+    "error_position": ("error",),
+    "error_yaw": ("error",),
+    "nees": ("pose",),
+}
+
+
+class Recorder(Protocol):
+    """Whoever wants to hear every message of a run."""
+
+    def offer(self, message: Message) -> None:
+        """Take one message; it is read-only."""
+        ...
+
+    def close(self) -> None:
+        """Write what is left. May be called twice."""
+        ...
+
+
+class NullRecorder:
+    """Hears and keeps nothing."""
+
+    def offer(self, message: Message) -> None:
+        """Pass over a message."""
+
+    def close(self) -> None:
+        """Nothing to write."""
+
+
+class RerunRecorder:
+    """Streams a run into an ``.rrd`` file, readable up to its last second whatever happens.
+
+    shapes, bodies: what is to be seen (``arena.scene_shapes``, ``arena.scene_bodies``). bounds_m:
+    (4,) of the arena. goal: (2,) in map. start: (3,) x, y, yaw, where odometry begins. laser_m:
+    (3,) the laser in base_link. Raises OSError if the file cannot be opened. A later failure to
+    write is reported once, and the run goes on unrecorded.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        shapes: Sequence[Shape],
+        bodies: Sequence[Body],
+        bounds_m: FloatArray,
+        goal: Sequence[float] | FloatArray,
+        start: Sequence[float] | FloatArray = (0.0, 0.0, 0.0),
+        laser_m: Sequence[float] | FloatArray = (0.0, 0.0, 0.2),
+        vehicle: VehicleConfig | None = None,
+        title: str = "",
+    ) -> None:
+        self._path = Path(path)
+        with open(self._path, "ab"):  # before the library is asked, whose refusal is no OSError
+            pass
+        # The library's own log would tell of a full disk in three lines; one is told below.
+        os.environ.setdefault("RUST_LOG", "off")
+        import rerun as rr
+
+        self._rr = rr
+        self._vehicle = vehicle if vehicle is not None else VehicleConfig()
+        self._odometry = Odometry(np.array(start, float), self._vehicle)
+        self._kept: defaultdict[type, list[Any]] = defaultdict(list)
+        self._due_ns = _FLUSH_NS
+        self._ticks = 0
+        self._trails: dict[str, list[FloatArray]] = defaultdict(list)
+        self._mode = ""
+        self._open = True
+        self._stream = rr.RecordingStream("simloop")
+        self._stream.set_log_time_enabled(False)
+        self._stream.set_log_tick_enabled(False)
+        try:
+            self._stream.save(self._path, make_blueprint(bounds_m, TIMELINE))
+        except RuntimeError as error:
+            self._stream.disconnect()
+            raise OSError(f"cannot record to {self._path}: {error}") from None
+        if title:
+            self._stream.send_recording_name(title)
+        log_scene(self._stream, shapes, bodies, np.array(goal[:2], float), laser_m)
+        self._name_series()
+
+    def offer(self, message: Message) -> None:
+        """Take one message; about once a simulated second, write all of those that were taken."""
+        if self._open:
+            # The truth opens a tick, so all that was kept belongs to whole ticks.
+            if type(message) is Truth and message.t_ns >= self._due_ns:
+                self._flush()
+                self._due_ns = message.t_ns + _FLUSH_NS
+            self._kept[type(message)].append(message)
+
+    def close(self) -> None:
+        """Write what is left and the file's footer."""
+        if self._open:
+            self._flush()
+            self._open = False
+            self._stream.disconnect()
+
+    def _flush(self) -> None:
+        kept, self._kept = self._kept, defaultdict(list)
+        self._write_series(kept)
+        self._write_derived(kept[Truth], kept[Estimate], kept[TrackCommand])
+        self._write_poses(kept[Truth], kept[Estimate], kept[EncoderReading])
+        self._write_scans(kept[LidarScan])
+        for plan in kept[Plan]:
+            self._write_plan(plan)
+        for view in kept[WorldView]:
+            self._write_discs(view)
+        for grid in kept[MapUpdate]:
+            self._write_map(grid)
+        self._write_paths(kept[SmoothPath])
+        self._write_events(kept[Event], kept[Plan], kept[TrackCommand])
+        try:
+            self._stream.flush(timeout_sec=_FLUSH_TIMEOUT_S)
+        except (RuntimeError, TimeoutError, ValueError) as error:
+            self._open = False
+            _log.error("recording stopped, %s keeps what fitted: %s", self._path, error)
+            self._stream.disconnect()
+
+    def _send(self, entity: str, t_ns: Sequence[int] | FloatArray, columns: Any) -> None:
+        times = np.asarray(t_ns, dtype=np.int64).astype("timedelta64[ns]")
+        column = self._rr.TimeColumn(TIMELINE, duration=times)
+        self._rr.send_columns(entity, [column], columns, recording=self._stream)
+
+    def _send_scalars(self, entity: str, t_ns: Sequence[int] | FloatArray, values: Any) -> None:
+        self._send(f"plots/{entity}", t_ns, self._rr.Scalars.columns(scalars=values))
+
+    def _send_strips(
+        self, entity: str, t_ns: Sequence[int], rows: Sequence[Sequence[FloatArray]], height: float
+    ) -> None:
+        """One row of line strips (N, 2) an instant, laid at a height."""
+        flat = [lifted(strip, height) for row in rows for strip in row]
+        columns = self._rr.LineStrips3D.columns(strips=flat)
+        self._send(entity, t_ns, columns.partition([len(row) for row in rows]))
+
+    def _name_series(self) -> None:
+        names = {entity: lines for entity, (_, lines, _) in _SERIES.items()} | _DERIVED
+        for entity, lines in names.items():
+            self._stream.log(f"plots/{entity}", self._rr.SeriesLines(names=lines), static=True)
+
+    def _write_series(self, kept: dict[type, list[Any]]) -> None:
+        for entity, (kind, _, column) in _SERIES.items():
+            messages = kept[kind]
+            if messages:
+                self._send_scalars(entity, [m.t_ns for m in messages], column(messages))
+
+    def _write_derived(
+        self, truths: list[Truth], estimates: list[Estimate], commands: list[TrackCommand]
+    ) -> None:
+        radius = self._vehicle.sprocket_radius_m
+        if truths:
+            speed = radius * np.array([t.sprocket_radps for t in truths])
+            self._send_scalars("track/true", [t.t_ns for t in truths], speed)
+        if commands:
+            speed = radius * np.array([c.sprocket_radps for c in commands])
+            self._send_scalars("track/asked", [c.t_ns for c in commands], speed)
+        at = {t.t_ns: t for t in truths}
+        pairs = [(at[e.t_ns], e) for e in estimates if e.t_ns in at]
+        if not pairs:
+            return
+        times = [e.t_ns for _, e in pairs]
+        error = np.array([e.pose - t.pose_xyyaw for t, e in pairs])
+        error[:, 2] = wrap_angles(error[:, 2])
+        covariance = np.array([e.covariance[:3, :3] for _, e in pairs])
+        self._send_scalars("error_position", times, np.hypot(error[:, 0], error[:, 1]))
+        self._send_scalars("error_yaw", times, error[:, 2])
+        self._send_scalars("nees", times, nees(error, covariance))
+
+    def _write_poses(
+        self, truths: list[Truth], estimates: list[Estimate], encoders: list[EncoderReading]
+    ) -> None:
+        odometry = self._odometry.advance(encoders)
+        self._write_truth(truths)
+        estimates = estimates[(-self._ticks) % _POSE_TICKS :: _POSE_TICKS]
+        self._ticks += len(truths)
+        if not estimates:
+            return
+        times = [e.t_ns for e in estimates]
+        map_from_base = np.array([e.pose for e in estimates])
+        odom_from_base = odometry.at(times)
+        self._send_poses(ODOM, times, compose_all(map_from_base, inverse_all(odom_from_base)))
+        self._send_poses(BASE, times, odom_from_base)
+        self._trail("belief", map_from_base[::2], times[-1])
+        map_from_start = self._odometry.start
+        self._trail("odometry", compose_all(map_from_start, odom_from_base[::2]), times[-1])
+        covariance = np.array([e.covariance[:2, :2] for e in estimates])
+        outlines = ellipses(map_from_base[:, :2], covariance, _ELLIPSE_SCALE)
+        self._send_strips(f"{MAP}/ellipse_95_x10", times, [[o] for o in outlines], 0.26)
+
+    def _write_truth(self, truths: list[Truth]) -> None:
+        few = truths[(-self._ticks) % _POSE_TICKS :: _POSE_TICKS]
+        if not few:
+            return
+        times = [t.t_ns for t in few]
+        turns = np.array([t.sprocket_rad for t in few])
+        half = 0.5 * turns
+        for column, side in enumerate(("left", "right")):
+            # About +y: x, y, z, w.
+            zero, angle = np.zeros(len(few)), half[:, column]
+            quaternions = np.stack([zero, np.sin(angle), zero, np.cos(angle)], axis=1)
+            turned = self._rr.Transform3D.columns(quaternion=quaternions)
+            self._send(f"{BASE}/sprocket_{side}/turned", times, turned)
+        quaternions = np.array([t.quaternion_wxyz for t in few])[:, [1, 2, 3, 0]]
+        where = np.array([t.position_m for t in few])
+        columns = self._rr.Transform3D.columns(translation=where, quaternion=quaternions)
+        self._send(f"{MAP}/truth", times, columns)
+        self._trail("truth", np.array([t.pose_xyyaw for t in few[::2]]), times[-1])
+
+    def _send_poses(self, entity: str, t_ns: Sequence[int], poses: FloatArray) -> None:
+        """Planar poses (N, 3) as transforms to the parent."""
+        half, zero = 0.5 * poses[:, 2], np.zeros(len(poses))
+        quaternions = np.stack([zero, zero, np.sin(half), np.cos(half)], axis=1)
+        where = lifted(poses[:, :2], 0.0)
+        columns = self._rr.Transform3D.columns(translation=where, quaternion=quaternions)
+        self._send(entity, t_ns, columns)
+
+    def _trail(self, name: str, poses: FloatArray, t_ns: int) -> None:
+        """The whole way so far: it grows by a piece each second, and is shown as it was then."""
+        self._trails[name].append(poses[:, :2])
+        strip = np.concatenate(self._trails[name])
+        self._send_strips(f"{MAP}/trails/{name}", [t_ns], [[strip]], 0.012)
+
+    def _write_scans(self, scans: list[LidarScan]) -> None:
+        if not scans:
+            return
+        rows = []
+        for scan in scans:
+            heard = np.isfinite(scan.ranges_m)
+            angle, far = scan.angles_rad[heard], scan.ranges_m[heard]
+            rows.append(far[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+        columns = self._rr.Points3D.columns(positions=lifted(np.concatenate(rows), 0.0))
+        times = [s.t_ns for s in scans]
+        self._send(f"{BASE}/laser/scan", times, columns.partition([len(r) for r in rows]))
+
+    def _write_plan(self, plan: Plan) -> None:
+        self._send_strips(f"{MAP}/plan/candidates", [plan.t_ns], [plan.candidates_m], 0.006)
+        self._send_strips(f"{MAP}/plan/chosen", [plan.t_ns], [[plan.waypoints_m]], 0.02)
+        points = self._rr.Points3D.columns(positions=lifted(plan.waypoints_m, 0.02))
+        lengths = [len(plan.waypoints_m)]
+        self._send(f"{MAP}/plan/waypoints", [plan.t_ns], points.partition(lengths))
+
+    def _write_discs(self, view: WorldView) -> None:
+        outlines = [d[:2] + d[2] * _ROUND for d in view.discs_xyr_m]
+        self._send_strips(f"{MAP}/obstacle_discs", [view.t_ns], [outlines], 0.05)
+
+    def _write_paths(self, paths: list[SmoothPath]) -> None:
+        if paths:
+            rows = [[p.xy_m] for p in paths]
+            self._send_strips(f"{MAP}/path", [p.t_ns for p in paths], rows, 0.03)
+
+    def _write_map(self, grid: MapUpdate) -> None:
+        rr, (rows, columns) = self._rr, grid.log_odds.shape
+        self._stream.set_time(TIMELINE, duration=np.timedelta64(grid.t_ns, "ns"))
+        self._stream.log(
+            f"{MAP}/occupancy",
+            rr.GridMap(
+                data=occupancy_percent(grid.log_odds)[::-1].tobytes(),  # an image's first row is up
+                format=rr.components.ImageFormat(
+                    width=columns, height=rows, color_model="L", channel_datatype="U8"
+                ),
+                cell_size=grid.resolution_m,
+                translation=[*grid.origin_m, 0.004],
+                opacity=0.85,
+                colormap=rr.components.Colormap.RvizMap,
+            ),
+        )
+
+    def _write_events(
+        self, events: list[Event], plans: list[Plan], commands: list[TrackCommand]
+    ) -> None:
+        lines = [(e.t_ns, e.level, e.text) for e in events]
+        for plan in plans:
+            text = f"plan ({plan.reason}): {plan.planner}, cost {plan.cost:.3f}, "
+            text += f"{plan.length_m:.2f} m, {plan.evaluations} evaluations"
+            lines.append((plan.t_ns, "info" if plan.safe else "warning", text))
+        for command in commands:
+            if command.mode != self._mode:
+                self._mode = command.mode
+                lines.append((command.t_ns, "info", f"mode: {command.mode}"))
+        if lines:
+            lines.sort(key=lambda line: line[0])
+            t_ns, levels, texts = zip(*lines, strict=True)
+            levels = [_LEVELS.get(level, level.upper()) for level in levels]
+            self._send("events", t_ns, self._rr.TextLog.columns(text=texts, level=levels))
+
+
+_LEVELS = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
+
+
+def lifted(points: FloatArray, height: float) -> FloatArray:
+    """(N, 3) points (N, 2) at a height."""
+    return np.column_stack([points, np.full(len(points), height)])
+
+
+def nees(error: FloatArray, covariance: FloatArray) -> FloatArray:
+    """(N,) normalised estimation error squared of errors (N, 3) and covariances (N, 3, 3)."""
+    solved = np.linalg.solve(covariance, error[..., None])[..., 0]
+    return np.sum(error * solved, axis=1)
+
+
+def ellipses(centres: FloatArray, covariance: FloatArray, scale: float) -> FloatArray:
+    """(N, 33, 2) outlines that hold 95 %, about centres (N, 2), drawn ``scale`` times larger."""
+    values, vectors = np.linalg.eigh(covariance)
+    axes = vectors * (scale * np.sqrt(_CHI2_95_2DOF * np.maximum(values, 0.0)))[:, None, :]
+    return centres[:, None, :] + np.einsum("nij,kj->nki", axes, _ROUND)
+
+
+def occupancy_percent(log_odds: FloatArray) -> FloatArray:
+    """uint8 of the same shape, as ROS has it: 0 free to 100 occupied, 255 where nothing is known."""
+    percent = np.round(100.0 / (1.0 + np.exp(-log_odds))).astype(np.uint8)
+    percent[log_odds == 0.0] = 255
+    return percent
