@@ -267,8 +267,8 @@ def section_of_geom(
         # Upside down, the turn is also a reflection: the outline's sense comes out reversed.
         return Section(name, (turned if axis[2] > 0.0 else turned[::-1]) + position[:2])
     points = _hull_points(model, geom, kind, size) @ rotation.T + position
-    outline = _hull_in_band(points, band_m)
-    return None if outline is None else Section(name, outline)
+    cut = _hull_in_band(points, band_m)
+    return None if cut is None else Section(name, cut)
 
 
 def _gap(height: float, half: float, band_m: tuple[float, float]) -> float:

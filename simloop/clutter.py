@@ -11,8 +11,9 @@ from scipy import ndimage
 from simloop.config import VehicleConfig
 from simloop.floor_plan import FloorPlan, rasterise
 from simloop.messages import FloatArray
-from simloop.obstacles import Obstacle
+from simloop.obstacles import Obstacle, ShapeName
 
+_SHAPES: tuple[ShapeName, ...] = ("box", "cylinder", "ellipse", "polygon", "ell")
 _ROOMS = 200
 _PLACES = 200
 _RASTER_M = 0.025
@@ -74,7 +75,8 @@ def is_passable(plan: FloorPlan, start: FloatArray, goal: FloatArray, radius_m: 
     y = plan.origin_m[1] + (np.arange(rows) + 0.5) * plan.resolution_m
     centres = np.stack(np.meshgrid(x, y), axis=-1)
     clearance = np.minimum(plan.distance_m, _to_walls(centres, plan.bounds_m))
-    labels, _ = ndimage.label(clearance > radius_m + 0.5 * plan.resolution_m)
+    free = clearance > radius_m + 0.5 * plan.resolution_m
+    labels = np.asarray(ndimage.label(free)[0])
     cells = ((np.array([start, goal]) - plan.origin_m) / plan.resolution_m).astype(int)
     if np.any(cells < 0) or np.any(cells >= [columns, rows]):
         return False
@@ -127,7 +129,7 @@ def _outline(item: Obstacle) -> FloatArray:
 
 def draw_obstacle(rng: np.random.Generator, position: FloatArray) -> Obstacle:
     """One obstacle of a drawn shape, as large as a disc of radius 0.10-0.25 m."""
-    shape = ("box", "cylinder", "ellipse", "polygon", "ell")[rng.integers(5)]
+    shape = _SHAPES[rng.integers(len(_SHAPES))]
     radius = rng.uniform(0.10, 0.25)
     yaw = float(rng.uniform(-math.pi, math.pi))
     height = float(rng.uniform(0.28, 0.45))

@@ -13,6 +13,7 @@ from simloop.floor_plan import Section
 from simloop.messages import FloatArray
 
 Point = tuple[float, float]
+ShapeName = Literal["box", "cylinder", "ellipse", "ell", "polygon"]
 Length = Annotated[float, Field(gt=0.0)]
 
 _SIZES = {
@@ -34,7 +35,7 @@ class Obstacle:
     (V, 2) about its own centre. The length lies along x, turned by ``yaw_rad``.
     """
 
-    shape: Literal["box", "cylinder", "ellipse", "ell", "polygon"]
+    shape: ShapeName
     position_m: Point
     size_m: tuple[Length, ...] = ()
     yaw_rad: float = 0.0

@@ -6,13 +6,12 @@ the recording library costs the same for one row as for a hundred.
 
 from __future__ import annotations
 
-import itertools
 import logging
 import os
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -27,70 +26,34 @@ from simloop.messages import (
     MapUpdate,
     Message,
     Plan,
-    PoseFix,
     SmoothPath,
     TrackCommand,
     Truth,
     WorldView,
 )
 from simloop.odometry import Odometry, compose_all, inverse_all
+from simloop.record_columns import (
+    DERIVED,
+    SERIES,
+    circles,
+    ellipses,
+    lifted,
+    nees,
+    occupancy_percent,
+)
 from simloop.scene_log import BASE, MAP, ODOM, log_scene
 from simloop.se2 import wrap_angles
 from simloop.shapes import Body, Shape
-
-if TYPE_CHECKING:
-    import rerun as rr
 
 TIMELINE = "sim_time"
 _FLUSH_NS = 1_000_000_000
 _FLUSH_TIMEOUT_S = 10.0
 _POSE_TICKS = 4  # poses at 25 Hz, of the control loop's 100
-_CHI2_95_2DOF = 5.991
 _ELLIPSE_SCALE = 10.0
-_ROUND = np.stack([f(np.linspace(0.0, 2.0 * np.pi, 33)) for f in (np.cos, np.sin)], axis=1)
+
+_LEVELS = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
 
 _log = logging.getLogger(__name__)
-
-Column = Callable[[list[Any]], FloatArray]
-
-
-def _column(read: Callable[[Any], Any]) -> Column:
-    return lambda messages: np.array([read(m) for m in messages], dtype=np.float64)
-
-
-# Each entity's source, its lines' names, and how a message gives their values.
-_SERIES: dict[str, tuple[type, tuple[str, ...], Column]] = {
-    "speed/true": (Truth, ("true",), _column(lambda m: m.velocity_body[0])),
-    "speed/believed": (Estimate, ("believed",), _column(lambda m: m.state[3])),
-    "speed/asked": (TrackCommand, ("asked",), _column(lambda m: m.speed_mps)),
-    "yaw_rate/true": (Truth, ("true",), _column(lambda m: m.velocity_body[5])),
-    "yaw_rate/believed": (Estimate, ("believed",), _column(lambda m: m.state[4])),
-    "yaw_rate/asked": (TrackCommand, ("asked",), _column(lambda m: m.yaw_rate_radps)),
-    "current": (Truth, ("left", "right"), _column(lambda m: m.motor_current_a)),
-    "voltage": (Truth, ("left", "right"), _column(lambda m: m.motor_voltage_v)),
-    "energy": (Truth, ("drawn",), _column(lambda m: m.energy_j)),
-    "contacts": (Truth, ("contacts",), _column(lambda m: m.contact_count)),
-    "filter": (Estimate, ("gyro bias", "gauge ratio"), _column(lambda m: m.state[5:7])),
-    "match": (PoseFix, ("score", "taken"), _column(lambda m: (m.score, m.ok))),
-    "clearance": (SmoothPath, ("least",), _column(lambda m: np.min(m.clearance_m, initial=np.inf))),
-    "plan_cost": (
-        Plan,
-        ("cost", "length, m", "turning, rad"),
-        _column(lambda m: (m.cost, m.length_m, m.turning_rad)),
-    ),
-    "plan_effort": (
-        Plan,
-        ("evaluations", "generations"),
-        _column(lambda m: (m.evaluations, m.generations)),
-    ),
-}
-_DERIVED = {
-    "track/true": ("left, true", "right, true"),
-    "track/asked": ("left, asked", "right, asked"),
-    "error_position": ("error",),
-    "error_yaw": ("error",),
-    "nees": ("pose",),
-}
 
 
 class Recorder(Protocol):
@@ -134,6 +97,7 @@ class RerunRecorder:
         start: Sequence[float] | FloatArray = (0.0, 0.0, 0.0),
         laser_m: Sequence[float] | FloatArray = (0.0, 0.0, 0.2),
         vehicle: VehicleConfig | None = None,
+        counts_per_turn: int = 980,
         title: str = "",
     ) -> None:
         self._path = Path(path)
@@ -145,7 +109,7 @@ class RerunRecorder:
 
         self._rr = rr
         self._vehicle = vehicle if vehicle is not None else VehicleConfig()
-        self._odometry = Odometry(np.array(start, float), self._vehicle)
+        self._odometry = Odometry(np.array(start, float), self._vehicle, counts_per_turn)
         self._kept: defaultdict[type, list[Any]] = defaultdict(list)
         self._due_ns = _FLUSH_NS
         self._ticks = 0
@@ -162,7 +126,7 @@ class RerunRecorder:
             raise OSError(f"cannot record to {self._path}: {error}") from None
         if title:
             self._stream.send_recording_name(title)
-        log_scene(self._stream, shapes, bodies, np.array(goal[:2], float), laser_m)
+        log_scene(self._stream, shapes, bodies, np.array(goal[:2], float), laser_m, self._vehicle)
         self._name_series()
 
     def offer(self, message: Message) -> None:
@@ -219,12 +183,12 @@ class RerunRecorder:
         self._send(entity, t_ns, columns.partition([len(row) for row in rows]))
 
     def _name_series(self) -> None:
-        names = {entity: lines for entity, (_, lines, _) in _SERIES.items()} | _DERIVED
+        names = {entity: lines for entity, (_, lines, _) in SERIES.items()} | DERIVED
         for entity, lines in names.items():
             self._stream.log(f"plots/{entity}", self._rr.SeriesLines(names=lines), static=True)
 
     def _write_series(self, kept: dict[type, list[Any]]) -> None:
-        for entity, (kind, _, column) in _SERIES.items():
+        for entity, (kind, _, column) in SERIES.items():
             messages = kept[kind]
             if messages:
                 self._send_scalars(entity, [m.t_ns for m in messages], column(messages))
@@ -325,7 +289,7 @@ class RerunRecorder:
         self._send(f"{MAP}/plan/waypoints", [plan.t_ns], points.partition(lengths))
 
     def _write_discs(self, view: WorldView) -> None:
-        outlines = [d[:2] + d[2] * _ROUND for d in view.discs_xyr_m]
+        outlines = circles(view.discs_xyr_m)
         self._send_strips(f"{MAP}/obstacle_discs", [view.t_ns], [outlines], 0.05)
 
     def _write_paths(self, paths: list[SmoothPath]) -> None:
@@ -364,34 +328,6 @@ class RerunRecorder:
                 lines.append((command.t_ns, "info", f"mode: {command.mode}"))
         if lines:
             lines.sort(key=lambda line: line[0])
-            t_ns, levels, texts = zip(*lines, strict=True)
-            levels = [_LEVELS.get(level, level.upper()) for level in levels]
-            self._send("events", t_ns, self._rr.TextLog.columns(text=texts, level=levels))
-
-
-_LEVELS = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
-
-
-def lifted(points: FloatArray, height: float) -> FloatArray:
-    """(N, 3) points (N, 2) at a height."""
-    return np.column_stack([points, np.full(len(points), height)])
-
-
-def nees(error: FloatArray, covariance: FloatArray) -> FloatArray:
-    """(N,) normalised estimation error squared of errors (N, 3) and covariances (N, 3, 3)."""
-    solved = np.linalg.solve(covariance, error[..., None])[..., 0]
-    return np.sum(error * solved, axis=1)
-
-
-def ellipses(centres: FloatArray, covariance: FloatArray, scale: float) -> FloatArray:
-    """(N, 33, 2) outlines that hold 95 %, about centres (N, 2), drawn ``scale`` times larger."""
-    values, vectors = np.linalg.eigh(covariance)
-    axes = vectors * (scale * np.sqrt(_CHI2_95_2DOF * np.maximum(values, 0.0)))[:, None, :]
-    return centres[:, None, :] + np.einsum("nij,kj->nki", axes, _ROUND)
-
-
-def occupancy_percent(log_odds: FloatArray) -> FloatArray:
-    """uint8 of the same shape, as ROS has it: 0 free to 100 occupied, 255 where nothing is known."""
-    percent = np.round(100.0 / (1.0 + np.exp(-log_odds))).astype(np.uint8)
-    percent[log_odds == 0.0] = 255
-    return percent
+            levels = [_LEVELS.get(level, level.upper()) for _, level, _ in lines]
+            columns = self._rr.TextLog.columns(text=[line[2] for line in lines], level=levels)
+            self._send("events", [line[0] for line in lines], columns)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from simloop.config import VehicleConfig
 from simloop.messages import FloatArray
 from simloop.shapes import Body, Shape
 
@@ -40,6 +41,7 @@ def log_scene(
     bodies: Sequence[Body],
     goal: FloatArray,
     laser_m: Sequence[float] | FloatArray,
+    vehicle: VehicleConfig,
 ) -> None:
     """Log frames, shapes, styles and the goal, all of them static."""
     import rerun as rr
@@ -53,13 +55,12 @@ def log_scene(
     for body in bodies:
         if body.name not in homes:
             home = f"{homes[body.parent]}/{body.name}"
-            x, y, z, w = body.quaternion_wxyz[[1, 2, 3, 0]]
-            turn = rr.Quaternion(xyzw=[x, y, z, w])
+            turn = rr.Quaternion(xyzw=body.quaternion_wxyz[[1, 2, 3, 0]])
             log(home, rr.Transform3D(translation=body.position_m, quaternion=turn))
             homes[body.name] = f"{home}/turned"
     _log_shapes(log, shapes, homes)
-    outline = 0.5 * np.array([[-0.49, -0.465], [0.49, -0.465], [0.49, 0.465], [-0.49, 0.465]])
-    ring = np.column_stack([np.concatenate([outline, outline[:1]]), np.full(5, 0.005)])
+    x, y = 0.5 * vehicle.length_m, 0.5 * vehicle.width_m
+    ring = [[-x, -y, 0.005], [x, -y, 0.005], [x, y, 0.005], [-x, y, 0.005], [-x, -y, 0.005]]
     log(f"{MAP}/truth/footprint", rr.LineStrips3D([ring], colors=[60, 150, 80], radii=0.008))
     where = [[goal[0], goal[1], 0.004]]
     log(
@@ -95,6 +96,7 @@ def _archetype(group: list[Shape]) -> list[Any]:
     common: dict[str, Any] = {"quaternions": turns, "colors": colours, "fill_mode": "solid"}
     if kind == "mesh":
         (shape,) = group
+        assert shape.vertices_m is not None
         mesh = rr.Mesh3D(
             vertex_positions=shape.vertices_m,
             triangle_indices=shape.faces,

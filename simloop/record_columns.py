@@ -1,0 +1,85 @@
+"""What a recording writes of each message, as columns of figures: names, values, outlines."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simloop.messages import Estimate, FloatArray, Plan, PoseFix, SmoothPath, TrackCommand, Truth
+
+_CHI2_95_2DOF = 5.991
+_ROUND = np.stack([f(np.linspace(0.0, 2.0 * np.pi, 33)) for f in (np.cos, np.sin)], axis=1)
+
+Column = Callable[[list[Any]], FloatArray]
+
+
+def _column(read: Callable[[Any], Any]) -> Column:
+    return lambda messages: np.array([read(m) for m in messages], dtype=np.float64)
+
+
+# Each entity's source, its lines' names, and how a message gives their values.
+SERIES: dict[str, tuple[type, tuple[str, ...], Column]] = {
+    "speed/true": (Truth, ("true",), _column(lambda m: m.velocity_body[0])),
+    "speed/believed": (Estimate, ("believed",), _column(lambda m: m.state[3])),
+    "speed/asked": (TrackCommand, ("asked",), _column(lambda m: m.speed_mps)),
+    "yaw_rate/true": (Truth, ("true",), _column(lambda m: m.velocity_body[5])),
+    "yaw_rate/believed": (Estimate, ("believed",), _column(lambda m: m.state[4])),
+    "yaw_rate/asked": (TrackCommand, ("asked",), _column(lambda m: m.yaw_rate_radps)),
+    "current": (Truth, ("left", "right"), _column(lambda m: m.motor_current_a)),
+    "voltage": (Truth, ("left", "right"), _column(lambda m: m.motor_voltage_v)),
+    "energy": (Truth, ("drawn",), _column(lambda m: m.energy_j)),
+    "contacts": (Truth, ("contacts",), _column(lambda m: m.contact_count)),
+    "filter": (Estimate, ("gyro bias", "gauge ratio"), _column(lambda m: m.state[5:7])),
+    "match": (PoseFix, ("score", "taken"), _column(lambda m: (m.score, m.ok))),
+    "clearance": (SmoothPath, ("least",), _column(lambda m: np.min(m.clearance_m, initial=np.inf))),
+    "plan_cost": (
+        Plan,
+        ("cost", "length, m", "turning, rad"),
+        _column(lambda m: (m.cost, m.length_m, m.turning_rad)),
+    ),
+    "plan_effort": (
+        Plan,
+        ("evaluations", "generations"),
+        _column(lambda m: (m.evaluations, m.generations)),
+    ),
+}
+DERIVED = {
+    "track/true": ("left, true", "right, true"),
+    "track/asked": ("left, asked", "right, asked"),
+    "error_position": ("error",),
+    "error_yaw": ("error",),
+    "nees": ("pose",),
+}
+
+
+def lifted(points: FloatArray, height: float) -> FloatArray:
+    """(N, 3) points (N, 2) at a height."""
+    return np.column_stack([points, np.full(len(points), height)])
+
+
+def nees(error: FloatArray, covariance: FloatArray) -> FloatArray:
+    """(N,) normalised estimation error squared of errors (N, 3) and covariances (N, 3, 3)."""
+    solved = np.linalg.solve(covariance, error[..., None])[..., 0]
+    return np.sum(error * solved, axis=1)
+
+
+def circles(discs_xyr_m: FloatArray) -> list[FloatArray]:
+    """K outlines (33, 2) of discs (K, 3)."""
+    return [disc[:2] + disc[2] * _ROUND for disc in discs_xyr_m]
+
+
+def ellipses(centres: FloatArray, covariance: FloatArray, scale: float) -> FloatArray:
+    """(N, 33, 2) outlines that hold 95 %, about centres (N, 2), drawn ``scale`` times larger."""
+    values, vectors = np.linalg.eigh(covariance)
+    axes = vectors * (scale * np.sqrt(_CHI2_95_2DOF * np.maximum(values, 0.0)))[:, None, :]
+    return centres[:, None, :] + np.einsum("nij,kj->nki", axes, _ROUND)
+
+
+def occupancy_percent(log_odds: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """The same shape, as in ROS: 0 free to 100 occupied, 255 where nothing is known."""
+    percent = np.round(100.0 / (1.0 + np.exp(-log_odds))).astype(np.uint8)
+    percent[log_odds == 0.0] = 255
+    return percent
