@@ -21,6 +21,7 @@ from rich.console import Console
 from simloop.loop import Simulation
 from simloop.messages import FloatArray, Message, TrackCommand
 from simloop.metrics import versions
+from simloop.observers import recorder_for
 from simloop.plant import Plant
 from simloop.profiler import Profiler
 from simloop.report import print_table
@@ -145,10 +146,8 @@ def _plant_alone(scenario: Scenario, world: World, voltages: list[FloatArray]) -
 
 def _recorded(scenario: Scenario, world: World) -> float:
     """Wall time of the loop with a recording to a file, its closing included."""
-    from simloop.recorder import RerunRecorder
-
     with tempfile.TemporaryDirectory() as directory:
-        recorder = RerunRecorder(Path(directory) / "bench.rrd", scenario, world)
+        recorder = recorder_for(Path(directory) / "bench.rrd", scenario, world)
         simulation = Simulation(scenario, recorder=recorder, world=world)
         gc.collect()
         began = perf_counter()

@@ -184,20 +184,15 @@ def _record_and_run(
     """Run with whatever is to be kept; Ctrl-C ends the run, and all of it is kept readable."""
     from simloop.loop import Simulation
     from simloop.metrics import versions
+    from simloop.observers import recorder_for, snapshots_for
 
     outputs.write_config(scenario, versions())
-    recorder, pictures, listeners = None, None, []
+    recorder = pictures = None
     if outputs.recording is not None:
-        from simloop.recorder import RerunRecorder
-
-        recorder = RerunRecorder(outputs.recording, scenario, world)
+        recorder = recorder_for(outputs.recording, scenario, world)
     if outputs.snapshots is not None:
-        from simloop.snapshot import Snapshots
-
-        title = f"{scenario.title or scenario.name}, seed {scenario.seed}"
-        vehicle = scenario.config.vehicle
-        pictures = Snapshots(world.model, outputs.snapshots, scenario.goal, vehicle, title)
-        listeners.append(pictures.offer)
+        pictures = snapshots_for(outputs.snapshots, scenario, world)
+    listeners = [] if pictures is None else [pictures.offer]
     result = _run(Simulation(scenario, recorder, listeners, world=world), notes)
     with _uninterrupted():
         if recorder is not None:
