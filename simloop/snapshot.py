@@ -38,8 +38,8 @@ from simloop.planner_view import PAPER, Belief, Image, PlannerView, write_text
 
 _log = logging.getLogger(__name__)
 
-_SCENE_PX = (760, 640)
-_INSET_PX = 410
+_SCENE_PX = (760, 600)
+_INSET_PX = 430
 _COLUMNS = 4
 _MARGIN_PX = 14
 _GREY = (110, 104, 98)
@@ -53,6 +53,7 @@ class _Moment:
     truth: Truth
     belief: Belief
     mode: str
+    plans: int
     trail_length: int
 
 
@@ -80,6 +81,7 @@ class Snapshots:
         self._period_ns, self._due_ns = round(period_s * 1e9), 0
         self._latest: dict[type, Any] = {}
         self._scan_pose: FloatArray | None = None
+        self._plans = 0
         self._truths: list[FloatArray] = []
         self._estimates: list[FloatArray] = []
         self._moments: list[_Moment] = []
@@ -116,10 +118,15 @@ class Snapshots:
             self._scan_pose = None
         elif isinstance(message, Estimate) and self._scan_pose is None:
             self._scan_pose = message.pose  # corrected by the scan's own match
+        elif isinstance(message, Plan):
+            self._plans += 1
 
     def _on_truth(self, truth: Truth) -> None:
-        # The truth opens a tick: a moment is what was known when the last tick ended.
-        if self._latest.get(Truth) is not None and self._latest[Truth].t_ns >= self._due_ns:
+        # The truth opens a tick: a moment is what was known when the last tick ended. The first
+        # waits for the first map, a tenth of a second or so.
+        last = self._latest.get(Truth)
+        patient = MapUpdate not in self._latest and truth.t_ns < self._period_ns
+        if last is not None and last.t_ns >= self._due_ns and not patient:
             self._moments.append(self._moment())
             self._due_ns += self._period_ns
         self._latest[Truth] = truth
@@ -142,7 +149,7 @@ class Snapshots:
             self._scan_pose,
         )
         mode = "" if command is None else command.mode
-        return _Moment(truth, belief, mode, len(self._truths))
+        return _Moment(truth, belief, mode, self._plans, len(self._truths))
 
     def _chosen(self) -> list[_Moment]:
         """Evenly spread in time, the first and the last among them, none twice."""
@@ -168,30 +175,24 @@ class Snapshots:
         return [self._tile(m, s, i) for m, s, i in zip(chosen, scenes, insets, strict=True)]
 
     def _tile(self, moment: _Moment, scene: Image, inset: Image) -> Image:
-        """The scene, and beside it the planner's view with its caption."""
-        width, height = _SCENE_PX
-        tile = np.full((height, width + _INSET_PX + 2 * _MARGIN_PX, 3), PAPER, np.uint8)
-        tile[:, :width] = scene
-        left, top = width + _MARGIN_PX, 175
-        tile[top : top + _INSET_PX, left : left + _INSET_PX] = inset
-        self._caption(tile, moment, left, 54)
-        write_text(tile, "what the planner knows", (left, top + _INSET_PX + 30), 0.62, _GREY)
+        """The scene above, the planner's view and a caption below."""
+        flat = self._flat_tile(moment, inset)
+        tile = np.full((len(scene) + len(flat), scene.shape[1], 3), PAPER, np.uint8)
+        tile[: len(scene)], tile[len(scene) :] = scene, flat
         return tile
 
     def _flat_tile(self, moment: _Moment, inset: Image) -> Image:
-        tile = np.full((_INSET_PX + 160, _INSET_PX + 2 * _MARGIN_PX, 3), PAPER, np.uint8)
-        tile[_MARGIN_PX : _MARGIN_PX + _INSET_PX, _MARGIN_PX : _MARGIN_PX + _INSET_PX] = inset
-        self._caption(tile, moment, _MARGIN_PX, _INSET_PX + 60)
-        return tile
-
-    def _caption(self, tile: Image, moment: _Moment, left: int, line: int) -> None:
-        truth = moment.truth
+        tile = np.full((_INSET_PX + 2 * _MARGIN_PX, _SCENE_PX[0], 3), PAPER, np.uint8)
+        tile[_MARGIN_PX:-_MARGIN_PX, _MARGIN_PX : _MARGIN_PX + _INSET_PX] = inset
+        truth, left = moment.truth, _INSET_PX + 3 * _MARGIN_PX
         to_go = float(np.hypot(*(truth.pose_xyyaw[:2] - self._goal)))
-        write_text(tile, f"{truth.t_ns * 1e-9:.1f} s", (left, line), 1.5)
-        write_text(tile, f"{to_go:.2f} m to go", (left, line + 48), 1.0)
-        speed = f"{truth.velocity_body[0]:.2f} m/s"
-        text = f"{speed}, {moment.mode}" if moment.mode else speed
-        write_text(tile, text, (left, line + 86), 0.75, _GREY)
+        write_text(tile, f"{truth.t_ns * 1e-9:.1f} s", (left, 66), 2.0)
+        write_text(tile, f"{to_go:.2f} m to go", (left, 124), 1.25)
+        small = [f"{abs(truth.velocity_body[0]):.2f} m/s", moment.mode.replace("_", " ")]
+        small += [f"plan {moment.plans}"] if moment.plans else []
+        for line, text in enumerate(small):
+            write_text(tile, text, (left, 180 + 42 * line), 1.0, _GREY)
+        return tile
 
     def _sheet(self, tiles: list[Image]) -> Image:
         height, width = tiles[0].shape[:2]
