@@ -6,6 +6,7 @@ the recording library costs the same for one row as for a hundred.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import os
 from collections import defaultdict
@@ -116,6 +117,7 @@ class RerunRecorder:
         self._trails: dict[str, list[FloatArray]] = defaultdict(list)
         self._mode = ""
         self._open = True
+        self._sound_bytes = 0
         self._stream = rr.RecordingStream("simloop")
         self._stream.set_log_time_enabled(False)
         self._stream.set_log_tick_enabled(False)
@@ -161,10 +163,17 @@ class RerunRecorder:
         self._write_events(kept[Event], kept[Plan], kept[TrackCommand])
         try:
             self._stream.flush(timeout_sec=_FLUSH_TIMEOUT_S)
-        except (RuntimeError, TimeoutError, ValueError) as error:
-            self._open = False
-            _log.error("recording stopped, %s keeps what fitted: %s", self._path, error)
-            self._stream.disconnect()
+            self._sound_bytes = self._path.stat().st_size
+        except (RuntimeError, TimeoutError, ValueError, OSError) as error:
+            self._give_up(error)
+
+    def _give_up(self, error: Exception) -> None:
+        """Cut off what was half written, which a strict reader would stumble over, and say so."""
+        self._open = False
+        _log.error("recording stopped, %s keeps what fitted: %s", self._path, error)
+        self._stream.disconnect()
+        with contextlib.suppress(OSError):
+            os.truncate(self._path, self._sound_bytes)
 
     def _send(self, entity: str, t_ns: Sequence[int] | FloatArray, columns: Any) -> None:
         times = np.asarray(t_ns, dtype=np.int64).astype("timedelta64[ns]")

@@ -35,6 +35,7 @@ GOAL = np.array([3.6, 3.9])
 TICK_NS = 10_000_000
 PLAN_NS = 1_830_000_000
 SPEED_MPS = 0.35
+OFF = np.array([0.008, -0.005, 0.004])
 _RAYS = 360
 _CELL_M = 0.05
 
@@ -93,7 +94,7 @@ class SyntheticRun:
             yield PoseFix(t_ns, pose, np.diag([1e-4, 1e-4, 1e-5]), 0.9, True)
         if t_ns % PLAN_NS == 0:
             yield from self._plan(t_ns, pose)
-        state = np.array([*(pose + [0.008, -0.005, 0.004]), SPEED_MPS, 0.1, 0.001, 1.2])
+        state = np.array([*(pose + OFF), SPEED_MPS, 0.1, 0.001, 1.2])
         yield Estimate(t_ns, state, np.diag([1e-4, 4e-4, 1e-5, 1e-3, 1e-3, 1e-6, 1e-3]))
 
     def _plan(self, t_ns: int, pose: np.ndarray) -> Iterator[Message]:

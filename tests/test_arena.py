@@ -1,0 +1,264 @@
+"""Arenas, true floor plans, and rooms drawn from a seed."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from simloop.arena import arena_names, bounds_of, build, draw_clutter, floor_plan, section_of_geom
+from simloop.clutter import is_blocked, is_passable
+from simloop.floor_plan import BAND_M, Section, rasterise
+from simloop.obstacles import Obstacle
+
+START, GOAL = np.zeros(2), np.array([3.6, 3.9])
+ROOM = (-0.65, -0.55, 4.35, 4.45)
+
+
+def test_the_five_arenas_are_there() -> None:
+    assert arena_names() == ["clutter", "corridor", "experiment", "open", "trap"]
+
+
+def test_an_unknown_arena_is_refused_with_the_names() -> None:
+    with pytest.raises(ValueError, match=r"experimant.*clutter, corridor, experiment, open, trap"):
+        build("experimant")
+
+
+def test_a_broken_arena_file_is_refused_in_one_line(tmp_path: Path) -> None:
+    file = tmp_path / "bad.xml"
+    file.write_text("<mujoco><worldbody><geom type='sphare'/></worldbody></mujoco>")
+    with pytest.raises(ValueError, match=r"bad\.xml") as error:
+        build(file)
+    assert "\n" not in str(error.value)
+
+
+def test_the_experiment_has_twelve_obstacles_in_the_way_and_a_way_through() -> None:
+    plan = floor_plan(build("experiment"))
+    names = {s.name.split("_")[1] for s in plan.sections if s.name.startswith("obstacle_")}
+    assert len(names) == 12
+    assert plan.bounds_m[2] - plan.bounds_m[0] == pytest.approx(5.0)
+    assert plan.bounds_m[3] - plan.bounds_m[1] == pytest.approx(5.0)
+    assert is_blocked(plan, START, GOAL)
+    assert is_passable(plan, START, GOAL, 0.32)
+    assert plan.clearance_m(np.array([START, GOAL])).min() > 0.45
+
+
+@pytest.mark.parametrize(
+    ("name", "goal"), [("corridor", (5.4, 4.1)), ("trap", (4.6, 0.0)), ("open", (3.6, 3.9))]
+)
+def test_the_other_arenas_can_be_passed(name: str, goal: tuple[float, float]) -> None:
+    plan = floor_plan(build(name))
+    assert is_passable(plan, START, np.array(goal), 0.32)
+    assert is_blocked(plan, START, np.array(goal)) == (name != "open")
+
+
+def test_walls_are_where_the_bounds_say() -> None:
+    plan = floor_plan(build("clutter"))
+    x_min, y_min, x_max, y_max = plan.bounds_m
+    middle = np.array([[x_min, 2.0], [x_max, 2.0], [2.0, y_min], [2.0, y_max]])
+    assert plan.clearance_m(middle) == pytest.approx(0.0, abs=1e-9)
+
+
+def plain_distance(point: np.ndarray, section: Section) -> float:
+    """The slow and obvious signed distance to one section."""
+    outline = section.vertices_m
+    nearest, inside = math.inf, len(outline) > 2
+    for a, b in zip(np.roll(outline, 1, axis=0), outline, strict=True):
+        edge, to = b - a, point - a
+        share = 0.0 if not edge.any() else min(1.0, max(0.0, float(to @ edge / (edge @ edge))))
+        nearest = min(nearest, math.dist(to, share * edge))
+        inside = inside and edge[0] * to[1] - edge[1] * to[0] >= 0.0
+    return (-nearest if inside else nearest) - section.radius_m
+
+
+def test_distances_agree_with_the_plain_ones() -> None:
+    plan = floor_plan(build("experiment"))
+    points = np.random.default_rng(3).uniform(ROOM[:2], ROOM[2:], (60, 2))
+    plain = [min(plain_distance(p, s) for s in plan.sections) for p in points]
+    assert plan.clearance_m(points) == pytest.approx(plain, abs=1e-12)
+
+
+def test_the_raster_holds_the_distances_of_its_cells() -> None:
+    plan = floor_plan(build("trap"), resolution_m=0.05)
+    row, column = 30, 77
+    centre = plan.origin_m + (np.array([column, row]) + 0.5) * plan.resolution_m
+    assert plan.distance_m[row, column] == pytest.approx(
+        plan.clearance_m(centre[None])[0], abs=1e-6
+    )
+    assert plan.distance_m.shape == (92, 124)
+    assert plan.distance_m.dtype == np.float32
+
+
+def test_an_empty_plan_is_clear_everywhere() -> None:
+    plan = rasterise([], (0.0, 0.0, 1.0, 1.0), 0.1)
+    assert np.all(np.isinf(plan.distance_m))
+    with pytest.raises(ValueError, match="positive area"):
+        rasterise([], (0.0, 0.0, 0.0, 1.0))
+
+
+SHAPES = {
+    "box": ("0.3 0.1 0.2", mujoco.mjtGeom.mjGEOM_BOX),
+    "cylinder": ("0.1 0.3", mujoco.mjtGeom.mjGEOM_CYLINDER),
+    "capsule": ("0.1 0.2", mujoco.mjtGeom.mjGEOM_CAPSULE),
+    "ellipsoid": ("0.3 0.1 0.2", mujoco.mjtGeom.mjGEOM_ELLIPSOID),
+    "sphere": ("0.2", mujoco.mjtGeom.mjGEOM_SPHERE),
+}
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    kind=st.sampled_from(sorted(SHAPES)),
+    turn=st.sampled_from([(0, 0), (90, 0), (0, 90), (180, 0), (25, 0), (30, 50), (0, 70)]),
+    yaw=st.floats(-180.0, 180.0),
+    height=st.floats(-0.05, 0.5),
+)
+def test_a_section_is_what_the_solid_shows_between_two_heights(
+    kind: str, turn: tuple[float, float], yaw: float, height: float
+) -> None:
+    size, _ = SHAPES[kind]
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><compiler eulerseq="ZYX"/><worldbody>
+        <geom name="it" type="{kind}" size="{size}" pos="0.3 -0.2 {height}"
+         euler="{yaw} {turn[0]} {turn[1]}"/></worldbody></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    seen = points_of_solid(model, data)
+    seen = seen[(seen[:, 2] >= BAND_M[0]) & (seen[:, 2] <= BAND_M[1])][:, :2]
+    section = section_of_geom(model, data, 0, "it", BAND_M)
+    if section is None:
+        # At most a sliver that the samples missed, or that merely touches the band.
+        assert len(seen) < 20
+        return
+    plan = rasterise([section], (-1.0, -1.0, 1.0, 1.0), 1.0)
+    if len(seen):
+        assert plan.clearance_m(seen).max() < 1e-3  # nothing sticks out
+    if len(seen) > 2000:
+        # Nothing is too large either: the samples come near the outline in every direction.
+        for angle in np.linspace(0.0, 2.0 * math.pi, 12, endpoint=False):
+            way = np.array([math.cos(angle), math.sin(angle)])
+            reach = np.max(section.vertices_m @ way) + section.radius_m
+            assert reach - np.max(seen @ way) < 0.04
+
+
+def points_of_solid(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    """(N, 3) points drawn evenly within geom 0, by its inequality alone."""
+    kind, size = int(model.geom_type[0]), model.geom_size[0]
+    half = np.array({SHAPES["capsule"][1]: [0.1, 0.1, 0.3], SHAPES["cylinder"][1]: [0.1, 0.1, 0.3],
+                     SHAPES["sphere"][1]: [0.2, 0.2, 0.2]}.get(kind, size))  # fmt: skip
+    p = np.random.default_rng(7).uniform(-half, half, (60_000, 3))
+    radial = np.hypot(p[:, 0], p[:, 1])
+    if kind == SHAPES["box"][1]:
+        within = np.all(np.abs(p) <= size, axis=1)
+    elif kind == SHAPES["cylinder"][1]:
+        within = (radial <= size[0]) & (np.abs(p[:, 2]) <= size[1])
+    elif kind == SHAPES["capsule"][1]:
+        over = np.maximum(np.abs(p[:, 2]) - size[1], 0.0)
+        within = np.hypot(radial, over) <= size[0]
+    elif kind == SHAPES["ellipsoid"][1]:
+        within = np.sum((p / size) ** 2, axis=1) <= 1.0
+    else:
+        within = np.sum(p**2, axis=1) <= size[0] ** 2
+    return p[within] @ data.geom_xmat[0].reshape(3, 3).T + data.geom_xpos[0]
+
+
+@pytest.mark.parametrize(
+    "obstacle",
+    [
+        Obstacle("box", (1.0, 1.5), (0.5, 0.2), 0.7),
+        Obstacle("cylinder", (1.0, 1.5), (0.4,)),
+        Obstacle("ellipse", (1.0, 1.5), (0.6, 0.3), -0.4),
+        Obstacle("ell", (1.0, 1.5), (0.6, 0.5, 0.1), 2.0),
+        Obstacle("polygon", (1.0, 1.5), (), 0.3, 0.3, ((-0.2, -0.1), (0.3, -0.1), (0.1, 0.25))),
+        Obstacle(  # clockwise
+            "polygon", (1.0, 1.5), (), 0.3, 0.3, ((0.1, 0.25), (0.3, -0.1), (-0.2, -0.1))
+        ),
+    ],
+    ids=lambda o: o.shape,
+)
+def test_what_is_built_is_what_was_asked_for(obstacle: Obstacle) -> None:
+    built = floor_plan(build("open", [obstacle]))
+    asked = rasterise(obstacle.sections(), ROOM, 1.0)
+    points = np.random.default_rng(5).uniform((0.3, 0.8), (1.7, 2.2), (400, 2))
+    outside = points[asked.clearance_m(points) > 0.0]
+    assert built.clearance_m(outside) == pytest.approx(asked.clearance_m(outside), abs=1.5e-3)
+    assert np.any(asked.clearance_m(points) < 0.0)
+    assert np.all(built.clearance_m(points[asked.clearance_m(points) < -2e-3]) < 0.0)
+
+
+@pytest.mark.parametrize(
+    ("shape", "size", "vertices", "says"),
+    [
+        ("box", (0.2,), (), "length, width"),
+        ("cylinder", (0.2, 0.1), (), "diameter"),
+        ("ell", (0.2, 0.2, 0.3), (), "thickness"),
+        ("polygon", (), ((0.0, 0.0), (1.0, 0.0)), "convex"),
+        ("polygon", (), ((0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0)), "convex"),
+        ("box", (0.2, 0.1), ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)), "vertices_m"),
+        ("box", (0.2, -0.1), (), "greater than 0"),
+        ("sphere", (0.2,), (), "box"),
+    ],
+)
+def test_impossible_obstacles_are_refused(
+    shape: str, size: tuple[float, ...], vertices: tuple, says: str
+) -> None:
+    with pytest.raises(ValueError, match=says):
+        Obstacle(shape, (0.0, 0.0), size, vertices_m=vertices)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_drawn_room_is_blocked_passable_and_leaves_room_to_turn(seed: int) -> None:
+    room = draw_clutter(np.random.default_rng(seed), START, GOAL, ROOM)
+    plan = floor_plan(build("clutter", room))
+    assert len(room) == 12
+    assert is_blocked(plan, START, GOAL)
+    assert is_passable(plan, START, GOAL, 0.29)
+    drawn = rasterise([s for item in room for s in item.sections()], ROOM, 1.0)
+    assert drawn.clearance_m(np.array([START, GOAL])).min() >= 0.44
+    assert len({item.shape for item in room}) >= 3
+    for section in drawn.sections:
+        low, high = section.vertices_m.min(0), section.vertices_m.max(0)
+        assert np.all(low - section.radius_m > ROOM[:2])
+        assert np.all(high + section.radius_m < ROOM[2:])
+
+
+def test_a_seed_is_a_room() -> None:
+    first = draw_clutter(np.random.default_rng(4), START, GOAL, ROOM)
+    again = draw_clutter(np.random.default_rng(4), START, GOAL, ROOM)
+    other = draw_clutter(np.random.default_rng(5), START, GOAL, ROOM)
+    assert first == again
+    assert first != other
+
+
+def test_a_room_that_cannot_be_drawn_is_refused() -> None:
+    rng = np.random.default_rng(0)
+    with pytest.raises(ValueError, match="inside the walls"):
+        draw_clutter(rng, START, (4.3, 3.9), ROOM)
+    with pytest.raises(ValueError, match="fewer obstacles"):
+        # Nothing can stand between two ends so close that both need the room to turn.
+        draw_clutter(rng, START, (0.8, 0.0), ROOM, count=1)
+
+
+def test_a_passage_is_as_wide_as_it_is() -> None:
+    gate = [
+        Section("left", np.array([[-1.0, 0.3], [1.0, 0.3], [1.0, 3.0], [-1.0, 3.0]])),
+        Section("right", np.array([[-1.0, -3.0], [1.0, -3.0], [1.0, -0.3], [-1.0, -0.3]])),
+    ]
+    plan = rasterise(gate, (-3.0, -3.0, 3.0, 3.0), 0.02)
+    ends = np.array([[-2.0, 0.0], [2.0, 0.0]])
+    assert is_passable(plan, *ends, 0.27)
+    assert not is_passable(plan, *ends, 0.31)
+    assert not is_blocked(plan, *ends)
+
+
+def test_bounds_must_be_given(tmp_path: Path) -> None:
+    file = tmp_path / "bare.xml"
+    file.write_text("<mujoco><worldbody><geom name='floor' type='plane' size='1 1 1'/>"
+                    "</worldbody></mujoco>")  # fmt: skip
+    with pytest.raises(ValueError, match="bounds"):
+        bounds_of(build(file))
