@@ -113,7 +113,6 @@ class RerunRecorder:
         self._odometry = Odometry(np.array(start, float), self._vehicle, counts_per_turn)
         self._kept: defaultdict[type, list[Any]] = defaultdict(list)
         self._due_ns = _FLUSH_NS
-        self._ticks = 0
         self._trails: dict[str, list[FloatArray]] = defaultdict(list)
         self._mode = ""
         self._open = True
@@ -229,8 +228,7 @@ class RerunRecorder:
     ) -> None:
         odometry = self._odometry.advance(encoders)
         self._write_truth(truths)
-        estimates = estimates[(-self._ticks) % _POSE_TICKS :: _POSE_TICKS]
-        self._ticks += len(truths)
+        estimates = estimates[::_POSE_TICKS]
         if not estimates:
             return
         times = [e.t_ns for e in estimates]
@@ -246,7 +244,7 @@ class RerunRecorder:
         self._send_strips(f"{MAP}/ellipse_95_x10", times, [[o] for o in outlines], 0.26)
 
     def _write_truth(self, truths: list[Truth]) -> None:
-        few = truths[(-self._ticks) % _POSE_TICKS :: _POSE_TICKS]
+        few = truths[::_POSE_TICKS]
         if not few:
             return
         times = [t.t_ns for t in few]

@@ -8,7 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from simloop.arena import arena_names, bounds_of, build, draw_clutter, floor_plan, section_of_geom
@@ -123,6 +123,10 @@ SHAPES = {
     yaw=st.floats(-180.0, 180.0),
     height=st.floats(-0.05, 0.5),
 )
+@example(kind="ellipsoid", turn=(0, 0), yaw=30.0, height=0.4)
+@example(kind="ellipsoid", turn=(180, 0), yaw=30.0, height=-0.1)
+@example(kind="capsule", turn=(90, 0), yaw=30.0, height=0.3)
+@example(kind="sphere", turn=(0, 0), yaw=0.0, height=0.4)
 def test_a_section_is_what_the_solid_shows_between_two_heights(
     kind: str, turn: tuple[float, float], yaw: float, height: float
 ) -> None:
