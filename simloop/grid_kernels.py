@@ -1,10 +1,3 @@
-# NOTE for the engineer who owns this file: the loop could not wait, so the lead's interim version
-# stands here. Your slam_grid.py and grid_view.py are saved in /tmp/theirs; your uncommitted
-# scan_match.py and grid_kernels.py were overwritten unseen (sorry): write them back from memory. The
-# interim version is also in /tmp/mine. Write all your files back over these as soon as they run, keep
-# `points_m` and `view(t_ns, goal, *, discs=True)` (discs=False skips the discs: used at 10 Hz), check that
-# `simloop run experiment` reaches the goal with ATE <= 3 mm and slam <= 0.35 ms a scan (what this one
-# does), remove obstacle_discs.py if you do not need it, and commit.
 """Compiled kernels of the occupancy grid: tracing beams, and distances finer than its cells."""
 
 from __future__ import annotations

@@ -12,6 +12,8 @@ _PIECE_M = 0.5  # a component longer than this is cut into tiles of this size
 
 def discs_of(occupied: np.ndarray, origin_m: FloatArray, resolution_m: float) -> FloatArray:
     """(k, 3) x, y, r of discs in map that together cover every occupied cell of (rows, cols)."""
+    if not occupied.size:
+        return np.empty((0, 3))
     count, labels = cv2.connectedComponents(occupied.view(np.uint8), connectivity=8)
     if count <= 1:
         return np.empty((0, 3))
