@@ -174,7 +174,8 @@ def _with_vehicle(path: Path) -> mujoco.MjSpec:
     models = models_dir()
     files = (path.resolve(), models / "tracked_ugv.xml")
     includes = "".join(f"<include file={quoteattr(str(file))}/>" for file in files)
-    meshes = {f"assets/{file.name}": file.read_bytes() for file in sorted((models / "assets").glob("*.obj"))}
+    assets = sorted((models / "assets").glob("*.obj"))
+    meshes = {f"assets/{file.name}": file.read_bytes() for file in assets}
     world = mujoco.MjSpec.from_string(f"<mujoco>{includes}</mujoco>", assets=meshes)
     world.modelname, world.modelfiledir = path.stem, str(path.resolve().parent)
     # The plane and the light by which the vehicle's own file can be opened alone.
