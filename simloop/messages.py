@@ -7,8 +7,8 @@ in integer nanoseconds. Arrays inside a message are read-only.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, fields
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +22,15 @@ class _Message:
     __slots__ = ()
 
     def __post_init__(self) -> None:
-        for name in self.__dataclass_fields__:  # type: ignore[attr-defined]
-            value: Any = getattr(self, name)
-            if isinstance(value, np.ndarray):
-                value.setflags(write=False)
+        for name in _array_fields(type(self)):
+            getattr(self, name).setflags(write=False)
+
+
+@cache
+def _array_fields(kind: type) -> tuple[str, ...]:
+    """The fields that hold an array, by their annotations; asked for at each message made."""
+    arrays = ("FloatArray", "NDArray[")
+    return tuple(field.name for field in fields(kind) if str(field.type).startswith(arrays))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,9 +7,11 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+
 import numpy as np
 
 from simloop.bezier import Smoother
+from simloop.blockage import stands_in_the_way
 from simloop.config import Config
 from simloop.ekf import GAUGE, Ekf
 from simloop.messages import (
@@ -79,6 +81,8 @@ class Robot:
         self._pending: tuple[int, Plan, WorldView] | None = None
         self._planned_ns = 0
         self._mapped = False
+        self._unchecked: list[FloatArray] = []
+        self._offsets = np.array(vehicle.footprint_offsets_m)
         self.said: list[Message] = []
         stages = ("ekf", "slam", "planner", "smoother", "tracker")
         self._time = {name: profiler.stage(name) for name in stages}
@@ -126,6 +130,7 @@ class Robot:
             if taken or not self._mapped:
                 self._slam.insert(scan, estimate.pose)
                 self._mapped = True
+                self._unchecked.append(self._slam.new_surfaces_m)
             elif fix.ok:
                 self._say(Event(scan.t_ns, "warning", "scan match refused by the filter's gate"))
         self._monitor.observe(self._slam.points_m, estimate.pose)
@@ -147,21 +152,31 @@ class Robot:
         return ""
 
     def _blocked(self, estimate: Estimate) -> bool:
+        """Whether what came into the map since the plan's view stands in the path's way."""
         path = self._tracker.path
         if path is None or self._plan is None:
             return False
         if not self._plan.safe and estimate.t_ns - self._planned_ns < _HOPELESS_NS:
             return False
-        with self._time["slam"]:
-            view = self._slam.view(estimate.t_ns, self._mission.goal, discs=False)
-        with self._time["smoother"]:
-            was, now = self._smoother.clearances(path, view, self._tracker.ahead)
         limit = self._config.planner.safe_distance_m - _BLOCKED_SLACK_M
-        return bool(np.any((now < limit) & (now < was - _BLOCKED_SLACK_M)))
+        with self._time["slam"]:
+            surfaces = np.concatenate(self._unchecked or [np.empty((0, 2))])
+            self._unchecked.clear()
+            return stands_in_the_way(
+                surfaces,
+                path.xy_m,
+                path.yaw_rad,
+                path.clearance_m,
+                self._tracker.ahead.start,
+                self._offsets,
+                limit,
+                _BLOCKED_SLACK_M,
+            )
 
     def _replan(self, estimate: Estimate, reason: str) -> None:
         with self._time["slam"]:
             view = self._slam.view(estimate.t_ns, self._mission.goal)
+            self._unchecked.clear()
         with self._time["planner"]:
             plan = self._planner.plan(
                 view,

@@ -2,8 +2,14 @@
 
 The refinement is a normal-distributions match: a map cell's surface is what the hit means of the
 3 x 3 cells about it say (their weighted mean and covariance, after Biber & Strasser 2003), and a
-point's residual from it is weighted with the inverse of that covariance. Along a wall that is a
-point-to-line match, to a fraction of a cell; at a corner or a thin post it pulls in both axes.
+point's residual along its normal is weighted with the inverse of its variance there: a
+point-to-line match, to a fraction of a cell. Along itself a surface is a piece of something longer,
+cut out by the cells, and says nothing of where a point belongs. Hits that huddle in less than that
+make no line and do not pull: what looks like a thin post may be a far wall that few beams reached.
+
+Where all normals are alike, as in a bare corridor, nothing holds the pose along the walls but the
+normals' own errors. That direction is left as it was and declared unknown (Zhang, Kaess & Singh
+2016, "On degeneracy of optimization-based state estimation problems").
 """
 
 from __future__ import annotations
@@ -19,6 +25,11 @@ from simloop.se2 import interpolate_xyt, wrap_angle
 
 _ROBUST = 9.0  # squared Mahalanobis distance at which a point's weight has fallen to a quarter
 _LEAST_COUNT = 2  # cells that make a surface
+_LONG = 0.15  # variance along a surface, in cells squared, that makes it a line
+# Share of the best held direction's information below which a direction is not held at all: what
+# normals that are off by some 10 degrees, as those of young surfaces are, feign along a wall.
+_DEGENERATE = 0.03
+_STIFF = 1e12  # keeps the pose where it is in a direction that is not held
 
 
 @njit(cache=True)
@@ -115,12 +126,14 @@ def surface_at(
     occupied: NDArray[np.bool_],
     hits: FloatArray,
     grain: float,
+    resolution: float,
     out: FloatArray,
 ) -> bool:
     """Write mean and inverse covariance (5,) x, y, a, b, c of the surface about a cell; False: none.
 
     occupied: (rows, cols); hits: (rows, cols, 3) sums of x, y and count of the hits, m. grain: m,
-    standard deviation added in every direction. The inverse covariance is [[a, b], [b, c]].
+    standard deviation added. The inverse covariance is [[a, b], [b, c]], of rank one: it has nothing
+    along the surface; it is zero where the hits make no line.
     """
     cells = 0
     weight = sx = sy = sxx = sxy = syy = 0.0
@@ -142,15 +155,37 @@ def surface_at(
     if cells < _LEAST_COUNT:
         return False
     mx, my = sx / weight, sy / weight
-    floor = grain * grain
-    cxx, cyy = sxx / weight - mx * mx + floor, syy / weight - my * my + floor
-    cxy = sxy / weight - mx * my
-    det = cxx * cyy - cxy * cxy
-    if det < 1e-12:
-        return False
+    cxx, cyy, cxy = sxx / weight - mx * mx, syy / weight - my * my, sxy / weight - mx * my
+    wide, thin, cos, sin = principal_axes(cxx, cxy, cyy)
+    weight = 1.0 / (thin + grain * grain) if wide > _LONG * resolution**2 else 0.0
     out[0], out[1] = mx, my
-    out[2], out[3], out[4] = cyy / det, -cxy / det, cxx / det
+    out[2], out[3], out[4] = weight * sin * sin, -weight * cos * sin, weight * cos * cos
     return True
+
+
+@njit(cache=True)
+def principal_axes(a: float, b: float, c: float) -> tuple[float, float, float, float]:
+    """Greater and lesser eigenvalue of [[a, b], [b, c]]; cosine and sine of the greater's axis."""
+    middle, half = 0.5 * (a + c), 0.5 * (a - c)
+    reach = math.hypot(half, b)
+    angle = 0.5 * math.atan2(b, half)
+    return middle + reach, max(0.0, middle - reach), math.cos(angle), math.sin(angle)
+
+
+@njit(cache=True)
+def unheld_direction(h: FloatArray) -> FloatArray:
+    """(3,) unit direction in x, y, yaw that the information h (3, 3) leaves open; zeros: none.
+
+    Judged by what is known of x and y with the yaw unknown (the Schur complement).
+    """
+    a = h[0, 0] - h[0, 2] * h[0, 2] / h[2, 2]
+    b = h[0, 1] - h[0, 2] * h[1, 2] / h[2, 2]
+    c = h[1, 1] - h[1, 2] * h[1, 2] / h[2, 2]
+    most, least, cos, sin = principal_axes(a, b, c)
+    out = np.zeros(3)
+    if least < _DEGENERATE * most:
+        out[0], out[1] = -sin, cos
+    return out
 
 
 @njit(cache=True)
@@ -167,26 +202,41 @@ def refine(
 ) -> tuple[FloatArray, FloatArray, float, float]:
     """Gauss-Newton from ``start`` (3,): pose (3,), information (3, 3), matched share, mean residual.
 
-    The information is that of the last step, robust weights included; the mean residual is the
+    The information is that of the last step, robust weights included, and none in a direction that
+    is not held; the mean residual is the
     squared Mahalanobis distance a matched point, about 2 or less when the scan fits the map. Sums
     are taken about (x0, y0), which keeps the hit sums well conditioned.
     """
-    pose, surface = start.copy(), np.empty(5)
-    h, g = np.zeros((3, 3)), np.zeros(3)
+    n, cols = points.shape[0], occupied.shape[1]
+    pose = start.copy()
+    # A point's surface is found anew only when the point has moved to another cell, which in
+    # the last steps it hardly ever does; neighbours in a scan often share theirs.
+    surfaces, known, cell_of = np.empty((n, 5)), np.zeros(n, np.bool_), np.full(n, -1)
+    h, g, open_ = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
     share, residual = 0.0, 0.0
     for _ in range(most_steps):
         h[:] = 0.0
         g[:] = 0.0
         matched, total = 0, 0.0
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
-        for i in range(points.shape[0]):
+        for i in range(n):
             rx = cos * points[i, 0] - sin * points[i, 1]
             ry = sin * points[i, 0] + cos * points[i, 1]
             px, py = pose[0] + rx - x0, pose[1] + ry - y0
             row, col = math.floor(py / resolution), math.floor(px / resolution)
-            if row < 0 or col < 0 or row >= occupied.shape[0] or col >= occupied.shape[1]:
+            if row < 0 or col < 0 or row >= occupied.shape[0] or col >= cols:
                 continue
-            if not surface_at(row, col, occupied, hits, grain, surface):
+            cell, surface = row * cols + col, surfaces[i]
+            if cell != cell_of[i]:
+                cell_of[i] = cell
+                if i > 0 and cell == cell_of[i - 1]:
+                    known[i] = known[i - 1]
+                    surface[:] = surfaces[i - 1]
+                else:
+                    known[i] = surface_at(
+                        row, col, occupied, hits, grain, resolution, surface
+                    )
+            if not known[i]:
                 continue
             dx, dy = px - surface[0], py - surface[1]
             a, b, c = surface[2], surface[3], surface[4]
@@ -208,14 +258,16 @@ def refine(
             g[2] += w * (-ry * gx + rx * gy)
         if matched < 10:
             return pose, h, 0.0, 1e9
-        share, residual = matched / points.shape[0], total / matched
+        share, residual = matched / n, total / matched
         h[1, 0], h[2, 0], h[2, 1] = h[0, 1], h[0, 2], h[1, 2]
         for k in range(3):
             h[k, k] += 1e-9
-        step = np.linalg.solve(h, g)
+        open_ = unheld_direction(h)
+        step = np.linalg.solve(h + _STIFF * np.outer(open_, open_), g)
         pose[0] -= step[0]
         pose[1] -= step[1]
         pose[2] = wrap_angle(pose[2] - step[2])
         if abs(step[0]) + abs(step[1]) < 1e-4 and abs(step[2]) < 1e-4:
             break
-    return pose, h, share, residual
+    held = np.eye(3) - np.outer(open_, open_)
+    return pose, held @ h @ held, share, residual

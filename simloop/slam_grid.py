@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from simloop.config import SlamConfig, VehicleConfig
-from simloop.grid_kernels import surface_distance, trace_scan
+from simloop.grid_kernels import placed_bounds, surface_distance, trace_scan
 from simloop.messages import FloatArray, LidarScan, PoseFix, WorldView
 from simloop.obstacle_discs import discs_of
 from simloop.scan_match import correlate, deskew, refine
@@ -37,6 +37,8 @@ class GridSlam:
         self._log_odds = np.zeros((0, 0), np.float32)
         self._hits = np.zeros((0, 0, 3))
         self._stamp = np.zeros((0, 0), np.int32)
+        self._occupied = np.zeros((0, 0), np.bool_)
+        self.new_surfaces_m = np.empty((0, 2))
         self._scans = 0
         self._scan_t_ns = -1
         self.points_m = np.empty((0, 2))
@@ -54,8 +56,10 @@ class GridSlam:
 
     @property
     def occupied(self) -> np.ndarray:
-        """(rows, cols) bool."""
-        return self._log_odds > self._config.occupied_log_odds
+        """(rows, cols) bool, a read-only view: where ``log_odds`` is above the threshold."""
+        view = self._occupied.view()
+        view.setflags(write=False)
+        return view
 
     def match(
         self,
@@ -91,16 +95,20 @@ class GridSlam:
         return PoseFix(scan.t_ns, pose, covariance, share, ok)
 
     def insert(self, scan: LidarScan, pose: FloatArray) -> None:
-        """Enter a scan that ended at ``pose`` (3,); the trail is that of its match."""
+        """Enter a scan that ended at ``pose`` (3,); the trail is that of its match.
+
+        ``new_surfaces_m`` (k, 2) then holds where, in map, cells became occupied by it.
+        """
         if scan.t_ns != self._scan_t_ns:
             self._take(scan, np.array([scan.t_ns], np.int64), np.array([pose], np.float64))
+        self.new_surfaces_m = np.empty((0, 2))
         if len(self.points_m) == 0:
             return
         pose = np.array(pose, np.float64)
         self._grow_to_hold(pose)
         self._scans += 1
         config = self._config
-        trace_scan(
+        self.new_surfaces_m = trace_scan(
             self.points_m,
             self._origins,
             pose,
@@ -109,20 +117,20 @@ class GridSlam:
             self._log_odds,
             self._hits,
             self._stamp,
+            self._occupied,
             self._scans,
             config.hit_log_odds,
             config.miss_log_odds,
             config.max_log_odds,
+            config.occupied_log_odds,
         )
         self._distance = self._likelihood = None
 
-    def view(self, t_ns: int, goal: FloatArray, *, discs: bool = True) -> WorldView:
-        """The map as a planner sees it; ``discs=False`` leaves the (slower) discs out."""
+    def view(self, t_ns: int, goal: FloatArray) -> WorldView:
+        """The map as a planner sees it."""
         box = _NOWHERE_M * np.array([-1.0, -1.0, 1.0, 1.0])
-        occupied = self.occupied
-        found = (
-            discs_of(occupied, self.origin_m, self.resolution_m) if discs else np.empty((0, 3))
-        )
+        occupied = self._occupied
+        found = discs_of(occupied, self.origin_m, self.resolution_m)
         if occupied.size:
             size = self.resolution_m * np.array(occupied.shape[::-1])
             low = np.minimum(self.origin_m, goal - self._config.beyond_m)
@@ -148,7 +156,7 @@ class GridSlam:
         return refine(
             self.points_m,
             start,
-            self.occupied,
+            self._occupied,
             self._hits,
             *self.origin_m.tolist(),
             self.resolution_m,
@@ -189,7 +197,7 @@ class GridSlam:
     def _distances(self) -> np.ndarray:
         """(rows, cols) float32, m, to the nearest surface; cached until the map changes."""
         if self._distance is None:
-            occupied = self.occupied
+            occupied = self._occupied
             distance = np.full(occupied.shape, _NOWHERE_M, np.float32)
             rows, cols = np.nonzero(occupied)
             if len(rows):
@@ -207,27 +215,39 @@ class GridSlam:
 
     def _grow_to_hold(self, pose: FloatArray) -> None:
         """Make the grid hold all points of the scan, the robot, and a cell of margin."""
-        cos, sin = math.cos(pose[2]), math.sin(pose[2])
-        placed = self.points_m @ np.array([[cos, sin], [-sin, cos]]) + pose[:2]
         margin = 2.0 * self.resolution_m
-        low = np.minimum(placed.min(axis=0), pose[:2] - 0.5) - margin
-        high = np.maximum(placed.max(axis=0), pose[:2] + 0.5) + margin
+        x_min, y_min, x_max, y_max = placed_bounds(self.points_m, pose)
+        low = np.array((min(x_min, pose[0] - 0.5) - margin, min(y_min, pose[1] - 0.5) - margin))
+        high = np.array((max(x_max, pose[0] + 0.5) + margin, max(y_max, pose[1] + 0.5) + margin))
+        if self._holds(low, high):
+            return
         res, size = self.resolution_m, np.array(self._log_odds.shape[::-1])
         if not size.any():
             self.origin_m = np.floor(low / res) * res
         before = np.maximum(0, np.ceil((self.origin_m - low) / res / _CHUNK)).astype(int) * _CHUNK
         top = self.origin_m + size * res
         after = np.maximum(0, np.ceil((high - top) / res / _CHUNK)).astype(int) * _CHUNK
-        if not (before.any() or after.any()):
-            return
         pads = ((before[1], after[1]), (before[0], after[0]))
         self._log_odds = np.pad(self._log_odds, pads)
         self._stamp = np.pad(self._stamp, pads)
+        self._occupied = np.pad(self._occupied, pads)
         self._hits = np.pad(self._hits, (*pads, (0, 0)))
         # Hit sums are taken from the grid's corner, which moves.
         shift = before * res
         self._hits[..., :2] += self._hits[..., 2:] * shift
         self.origin_m = self.origin_m - shift
+
+
+    def _holds(self, low: FloatArray, high: FloatArray) -> bool:
+        """Whether the grid reaches over the box from ``low`` to ``high``, (2,) each."""
+        rows, cols = self._log_odds.shape
+        (x0, y0), res = self.origin_m.tolist(), self.resolution_m
+        return bool(
+            x0 <= low[0]
+            and y0 <= low[1]
+            and high[0] <= x0 + cols * res
+            and high[1] <= y0 + rows * res
+        )
 
 
 def _search_offsets(config: SlamConfig) -> FloatArray:

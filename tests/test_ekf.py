@@ -12,12 +12,13 @@ from hypothesis import strategies as st
 from scipy.stats import chi2
 
 from simloop.config import EkfConfig, EncoderConfig, ImuConfig, VehicleConfig
-from simloop.ekf import (
+from simloop.ekf import Ekf, PeriodicEkf
+from simloop.ekf_model import (
     BIAS,
     GAUGE,
     RATE,
+    SLIPPING_VAR,
     SPEED,
-    Ekf,
     motion,
     motion_jacobian,
     motion_noise,
@@ -66,6 +67,55 @@ def test_process_noise_is_a_covariance(x):
     noise = motion_noise(x, DT, np.array([0.6, 1.0, 0.01, 2e-5, 0.01]))
     np.testing.assert_array_equal(noise, noise.T)
     assert np.linalg.eigvalsh(noise).min() > -1e-15
+
+
+@given(
+    states,
+    st.integers(0, 2**32 - 1),
+    st.floats(-1, 1),
+    st.tuples(st.floats(-0.6, 0.6), st.floats(-0.6, 0.6), st.floats(-2, 2)).map(np.array),
+    st.sampled_from([1e-6, 1e-4]),
+    st.sampled_from([1e-9, 18.0, 1e9]),
+)
+@settings(max_examples=60, deadline=None)
+def test_the_compiled_step_is_filterpys_predict_and_update(x, seed, accel, z, wheel_var, gate):
+    """The oracle is the base class itself, fed with the same models, one matrix at a time."""
+    root = np.random.default_rng(seed).normal(size=(7, 7)) * [0.1, 0.1, 0.05, 0.1, 0.2, 1e-3, 0.1]
+    covariance = root @ root.T + 1e-8 * np.eye(7)
+    walk, gyro_var = np.array([0.1, 1.0, 0.01, 2e-5, 0.01]), 3e-6
+    ours, theirs = (PeriodicEkf(dim_x=7, dim_z=3) for _ in range(2))
+    for kf in (ours, theirs):
+        kf.x, kf.P = x.copy(), covariance.copy()
+    ours.predict_and_correct(walk, accel, DT, (z[0], z[1]), z[2], (wheel_var, gyro_var, GAUGE_M, gate))
+
+    theirs.F = motion_jacobian(x, accel, DT)
+    theirs.Q = motion_noise(x, DT, walk)
+    theirs.predict_x = lambda u=0: setattr(theirs, "x", motion(x, accel, DT))
+    theirs.predict()
+    noise = np.diag([wheel_var, wheel_var, gyro_var])
+    jacobian = wheels_and_gyro_jacobian(theirs.x, GAUGE_M)
+    residual = (z - wheels_and_gyro(theirs.x, GAUGE_M))[:2]
+    innovation = (jacobian @ theirs.P @ jacobian.T + noise)[:2, :2]
+    if residual @ np.linalg.solve(innovation, residual) > gate:
+        noise[:2, :2] = SLIPPING_VAR * np.eye(2)
+    theirs.update(z, wheels_and_gyro_jacobian, wheels_and_gyro, noise, (GAUGE_M,), (GAUGE_M,))
+
+    off = ours.x - theirs.x
+    off[2] = wrap_angle(off[2])
+    np.testing.assert_allclose(off, 0.0, atol=1e-11)
+    np.testing.assert_allclose(ours.P, theirs.P, atol=1e-12 * np.abs(theirs.P).max() + 1e-13)
+    np.testing.assert_array_equal(ours.P, ours.P.T)
+
+
+def test_a_belief_that_was_given_away_never_changes():
+    kf = make_filter()
+    for i in range(1, 21):
+        before = kf.estimate()
+        kept = before.state.copy(), before.covariance.copy()
+        kf.advance(*reading(i * 10_000_000, 0.003 * i, 0.002 * i, rate=0.2))
+        kf.correct(PoseFix(0, np.array([0.3, 0.0, 0.0]), np.eye(3) * 1e-5, 1.0, True))
+        np.testing.assert_array_equal(before.state, kept[0])
+        np.testing.assert_array_equal(before.covariance, kept[1])
 
 
 def make_filter(**changes) -> Ekf:

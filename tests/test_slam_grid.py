@@ -1,0 +1,324 @@
+"""Map and matcher: what a scan enters, where a scan fits, and how sure a fit may be."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from simloop.blockage import stands_in_the_way
+from simloop.config import SlamConfig, VehicleConfig
+from simloop.grid_kernels import placed_bounds, trace_scan
+from simloop.messages import LidarScan
+from simloop.scan_match import refine, surface_at
+from simloop.se2 import wrap_angle
+from simloop.slam_grid import GridSlam
+
+CONFIG = SlamConfig()
+LASER = np.zeros(3)
+ANGLES = np.linspace(-math.pi, math.pi, 360, endpoint=False)
+seeds = st.integers(0, 2**32 - 1)
+
+
+class Room:
+    """Walls as segments (k, 4) x0, y0, x1, y1: a scan is rays cast among them."""
+
+    def __init__(self, *segments):
+        self.segments = np.array(segments, float)
+
+    def ranges(self, pose, most=12.0):
+        directions = np.stack((np.cos(ANGLES + pose[2]), np.sin(ANGLES + pose[2])), axis=1)
+        best = np.full(len(ANGLES), np.inf)
+        for x0, y0, x1, y1 in self.segments:
+            along = np.array([x1 - x0, y1 - y0])
+            to = np.array([x0 - pose[0], y0 - pose[1]])
+            det = directions[:, 0] * -along[1] + directions[:, 1] * along[0]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                t = (to[0] * -along[1] + to[1] * along[0]) / det
+                s = (directions[:, 0] * to[1] - directions[:, 1] * to[0]) / det
+            best = np.where((t > 0) & (s >= 0) & (s <= 1) & (t < best), t, best)
+        return np.where(best <= most, best, np.inf)
+
+    def scan(self, pose, rng=None, t_ns=0):
+        ranges = self.ranges(pose)
+        if rng is not None:
+            ranges = ranges + 0.01 * rng.standard_normal(len(ranges))
+        return LidarScan(t_ns, ANGLES, ranges, np.zeros(360, np.int64), 0.15, 12.0)
+
+
+WALL = 2.02  # in the middle of a cell
+SQUARE = Room(
+    (-WALL, -WALL, WALL, -WALL),
+    (WALL, -WALL, WALL, WALL),
+    (WALL, WALL, -WALL, WALL),
+    (-WALL, WALL, -WALL, -WALL),
+    (0.5, 1, 1, 0.7),
+)
+# Far longer than the laser reaches, and nothing in it: along x all places look alike.
+CORRIDOR = Room((-40, -0.8, 40, -0.8), (-40, 0.8, 40, 0.8))
+
+
+def mapped(room, poses, seed=0) -> GridSlam:
+    slam, rng = GridSlam(CONFIG, VehicleConfig(), LASER), np.random.default_rng(seed)
+    for i, pose in enumerate(poses):
+        slam.insert(room.scan(np.array(pose, float), rng, i), np.array(pose, float))
+    return slam
+
+
+def match(slam, room, true, prior, seed=1, sd=0.01):
+    scan = room.scan(np.array(true, float), np.random.default_rng(seed), 10**9)
+    prior = np.array(prior, float)
+    covariance = np.diag([sd**2, sd**2, (0.5 * sd) ** 2])
+    return slam.match(scan, np.array([10**9]), prior[None], prior, covariance)
+
+
+def plain_trace(points, origins, pose, grid, number, config=CONFIG):
+    """The oracle: every cell that a beam's segment crosses, found cell by cell."""
+    x0, y0, odds, hits, stamp, occupied = grid
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    rotation = np.array([[cos, -sin], [sin, cos]])
+    ends = points @ rotation.T + pose[:2] - [x0, y0]
+    starts = origins @ rotation.T + pose[:2] - [x0, y0]
+    before = occupied.copy()
+    for x, y in ends:
+        cell = (math.floor(y / config.resolution_m), math.floor(x / config.resolution_m))
+        hits[cell] += (x, y, 1.0)
+        if stamp[cell] != number:
+            stamp[cell] = number
+            odds[cell] = min(config.max_log_odds, odds[cell] + config.hit_log_odds)
+    for a, b in zip(starts / config.resolution_m, ends / config.resolution_m, strict=True):
+        length = math.dist(a, b)
+        if length < 2.0:
+            continue
+        direction = (b - a) / length
+        # Cut the segment where it crosses the grid's lines; each piece lies in one cell.
+        cuts = [0.0]
+        for axis in (0, 1):
+            if direction[axis] != 0.0:
+                low, high = sorted((a[axis], b[axis]))
+                lines = np.arange(math.ceil(low), math.floor(high) + 1)
+                cuts += [t for t in (lines - a[axis]) / direction[axis] if 0 < t < length]
+        cuts = sorted(cuts)
+        for start, end in zip(cuts, [*cuts[1:], length], strict=True):
+            if start >= length - 1.0:
+                break
+            middle = a + 0.5 * (start + end) * direction
+            cell = (math.floor(middle[1]), math.floor(middle[0]))
+            if stamp[cell] != number:
+                stamp[cell] = number
+                odds[cell] = max(-config.max_log_odds, odds[cell] - np.float32(config.miss_log_odds))
+                if odds[cell] < 0.0:
+                    hits[cell] = 0.0
+    occupied[:] = odds > config.occupied_log_odds
+    rows, cols = np.nonzero(occupied & ~before)
+    return {
+        (x0 + hits[r, c, 0] / hits[r, c, 2], y0 + hits[r, c, 1] / hits[r, c, 2])
+        for r, c in zip(rows, cols, strict=True)
+    }
+
+
+@given(seeds)
+@settings(max_examples=15, deadline=None)
+def test_tracing_a_scan_is_what_the_plain_twin_does(seed):
+    rng = np.random.default_rng(seed)
+    shape, x0, y0 = (64, 80), -1.9, -1.6
+
+    def empty():
+        return (
+            np.zeros(shape, np.float32),
+            np.zeros((*shape, 3)),
+            np.zeros(shape, np.int32),
+            np.zeros(shape, np.bool_),
+        )
+
+    fast, slow = empty(), empty()
+    for number in range(1, 6):
+        pose = np.array([*rng.uniform(-0.2, 0.2, 2), rng.uniform(-3, 3)])
+        points = rng.uniform(-1.0, 1.0, (40, 2))
+        origins = rng.uniform(-0.02, 0.02, (40, 2))
+        odds, hits, stamp, occupied = fast
+        found = trace_scan(
+            points, origins, pose, x0, y0, CONFIG.resolution_m, odds, hits, stamp, occupied, number,
+            CONFIG.hit_log_odds, CONFIG.miss_log_odds, CONFIG.max_log_odds, CONFIG.occupied_log_odds,
+        )  # fmt: skip
+        expected = plain_trace(points, origins, pose, (x0, y0, *slow), number)
+        np.testing.assert_allclose(odds, slow[0], atol=1e-5)
+        np.testing.assert_allclose(hits, slow[1], atol=1e-9)
+        np.testing.assert_array_equal(occupied, slow[3])
+        assert len(found) == len(expected)
+        if expected:
+            np.testing.assert_allclose(sorted(map(tuple, found)), sorted(expected), atol=1e-9)
+
+
+@given(seeds)
+@settings(max_examples=30, deadline=None)
+def test_bounds_of_placed_points(seed):
+    rng = np.random.default_rng(seed)
+    points, pose = rng.normal(size=(20, 2)), rng.normal(size=3)
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    placed = points @ np.array([[cos, sin], [-sin, cos]]) + pose[:2]
+    expected = [*placed.min(axis=0), *placed.max(axis=0)]
+    assert placed_bounds(points, pose) == pytest.approx(expected, abs=1e-12)
+
+
+def plain_refine_step(points, pose, slam):
+    """One Gauss-Newton step with every surface found anew: the oracle of the cached one."""
+    h, g, surface = np.zeros((3, 3)), np.zeros(3), np.empty(5)
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    for x, y in points:
+        arm = np.array([cos * x - sin * y, sin * x + cos * y])
+        place = pose[:2] + arm - slam.origin_m
+        col, row = (math.floor(v / slam.resolution_m) for v in place)
+        if not (0 <= row < slam.occupied.shape[0] and 0 <= col < slam.occupied.shape[1]):
+            continue
+        if not surface_at(row, col, slam._occupied, slam._hits, CONFIG.grain_m, slam.resolution_m, surface):
+            continue
+        off = place - surface[:2]
+        inverse = np.array([[surface[2], surface[3]], [surface[3], surface[4]]])
+        weight = 1.0 / (1.0 + off @ inverse @ off / 9.0) ** 2
+        jacobian = np.array([[1.0, 0.0, -arm[1]], [0.0, 1.0, arm[0]]])
+        h += weight * jacobian.T @ inverse @ jacobian
+        g += weight * jacobian.T @ inverse @ off
+    step = np.linalg.solve(h + 1e-9 * np.eye(3), g)
+    return np.array([*(pose - step)[:2], wrap_angle(pose[2] - step[2])]), step
+
+
+def test_refinement_is_gauss_newton_with_every_surface_found_anew():
+    slam = mapped(SQUARE, [(0, 0, 0)] * 3)
+    scan = SQUARE.scan(np.array([0.02, -0.01, 0.02]), np.random.default_rng(5))
+    points = np.stack((scan.ranges_m * np.cos(ANGLES), scan.ranges_m * np.sin(ANGLES)), axis=1)
+    pose = np.zeros(3)
+    for _ in range(CONFIG.refine_steps):
+        pose, step = plain_refine_step(points, pose, slam)
+        if abs(step[0]) + abs(step[1]) < 1e-4 and abs(step[2]) < 1e-4:
+            break
+    fast, *_ = refine(
+        points, np.zeros(3), slam._occupied, slam._hits, *slam.origin_m, slam.resolution_m,
+        CONFIG.grain_m, CONFIG.refine_steps,
+    )  # fmt: skip
+    np.testing.assert_allclose(fast, pose, atol=1e-9)
+
+
+def test_a_scan_finds_its_place_to_a_fraction_of_a_cell():
+    slam = mapped(SQUARE, [(0, 0, 0)] * 3)
+    for seed in range(5):
+        fix = match(slam, SQUARE, (0.05, -0.03, 0.02), (0.03, -0.02, 0.01), seed)
+        assert fix.ok
+        assert fix.pose == pytest.approx([0.05, -0.03, 0.02], abs=6e-3)
+
+
+def test_a_bad_prior_is_made_good_by_the_search():
+    slam = mapped(SQUARE, [(0, 0, 0)] * 3)
+    fix = match(slam, SQUARE, (0, 0, 0), (0.12, -0.1, 0.08), sd=0.1)
+    assert fix.ok
+    assert fix.pose == pytest.approx([0, 0, 0], abs=8e-3)
+
+
+def test_a_scan_of_another_place_does_not_fit():
+    slam = mapped(SQUARE, [(0, 0, 0)] * 3)
+    elsewhere = Room((0.6, -3, 0.6, 3), (-0.9, -3, -0.9, 3))
+    assert not match(slam, elsewhere, (0, 0, 0), (0, 0, 0)).ok
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.6, math.pi / 2])
+def test_along_a_bare_corridor_the_match_does_not_pretend_to_know(yaw):
+    """The corridor is laid at ``yaw``; one direction of the fix must stay all but open."""
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    ends = CORRIDOR.segments.reshape(-1, 2) @ np.array([[cos, sin], [-sin, cos]])
+    room = Room(*ends.reshape(-1, 4))
+    along, across = np.array([cos, sin]), np.array([-sin, cos])
+    start = np.array([0.0, 0.0, yaw])
+    slam = mapped(room, [start] * 3)
+    off = 0.04
+    fix = match(slam, room, start, [*(off * along), yaw], sd=0.05)
+    assert fix.ok
+    # What a filter that was unsure by 5 cm believes after it: as before along, but not across.
+    before = np.diag([0.05**2, 0.05**2, 0.025**2])
+    after = np.linalg.inv(np.linalg.inv(before) + np.linalg.inv(fix.covariance))[:2, :2]
+    assert math.sqrt(across @ after @ across) < 0.01
+    assert math.sqrt(along @ after @ along) > 0.048
+    assert abs(across @ fix.pose[:2]) < 0.006
+
+
+def test_the_end_of_a_corridor_holds_the_match_along_it():
+    room = Room(*CORRIDOR.segments, (2.52, -0.8, 2.52, 0.8))
+    slam = mapped(room, [(0, 0, 0)] * 3)
+    fix = match(slam, room, (0, 0, 0), (0.02, 0.01, 0.005))
+    assert fix.ok
+    assert fix.pose[:2] == pytest.approx([0, 0], abs=6e-3)
+    assert math.sqrt(fix.covariance[0, 0]) < 0.01
+
+
+def test_what_is_new_is_told_and_told_once():
+    slam = mapped(SQUARE, [(0, 0, 0)])
+    first = slam.new_surfaces_m
+    assert len(first) > 200
+    assert np.abs(np.abs(first).max(axis=1) - WALL).max() < 1.4  # walls, and the plank at 0.5-1
+    slam.insert(SQUARE.scan(np.zeros(3), None, 7), np.zeros(3))
+    assert len(slam.new_surfaces_m) < 0.2 * len(first)
+    post = Room(*SQUARE.segments, (-1.02, -0.2, -1.02, 0.2))
+    told = []
+    for i in range(3):
+        slam.insert(post.scan(np.zeros(3), None, 8 + i), np.zeros(3))
+        told.append(slam.new_surfaces_m)
+    told = np.concatenate(told)
+    on_post = (np.abs(told[:, 0] + 1.02) < 0.03) & (np.abs(told[:, 1]) < 0.23)
+    assert on_post.sum() >= 6
+    assert len({tuple(np.round(p, 2)) for p in told[on_post]}) == on_post.sum()
+
+
+def test_the_grid_grows_and_keeps_what_it_holds():
+    slam = mapped(SQUARE, [(0, 0, 0)])
+    rows, cols = np.nonzero(slam.occupied)
+    before = {tuple(p) for p in np.round(np.stack((cols, rows), 1) * 0.05 + slam.origin_m, 6)}
+    far = Room(*SQUARE.segments, (5.0, -1.0, 5.0, 1.0))
+    slam.insert(far.scan(np.array([4.0, 0.0, 0.0]), None, 5), np.array([4.0, 0.0, 0.0]))
+    rows, cols = np.nonzero(slam.occupied)
+    after = {tuple(p) for p in np.round(np.stack((cols, rows), 1) * 0.05 + slam.origin_m, 6)}
+    assert len(before & after) > 0.9 * len(before)
+    np.testing.assert_array_equal(slam.occupied, slam.log_odds > CONFIG.occupied_log_odds)
+
+
+def test_the_planners_distances_are_those_to_the_surfaces():
+    slam = mapped(SQUARE, [(0, 0, 0)] * 3)
+    view = slam.view(0, np.array([1.0, 1.0]))
+    rows, cols = np.nonzero(slam.occupied)
+    hits = slam._hits[rows, cols]
+    places = hits[:, :2] / hits[:, 2:] + slam.origin_m
+    rng = np.random.default_rng(0)
+    for row, col in rng.integers(0, min(slam.occupied.shape), (100, 2)):
+        centre = slam.origin_m + (np.array([col, row]) + 0.5) * slam.resolution_m
+        nearest = np.hypot(*(places - centre).T).min()
+        # The nearest cell is found on the grid; another's hits may be a little nearer.
+        assert -1e-5 <= view.distance_m[row, col] - nearest < 0.05
+
+
+def path_along_x():
+    x = np.arange(0.0, 3.0, 0.02)
+    return np.stack((x, 0 * x), axis=1), 0 * x, np.full(len(x), 0.5)
+
+
+@given(st.floats(-1, 4), st.floats(-1, 1), st.integers(0, 140))
+@settings(max_examples=200, deadline=None)
+def test_what_stands_in_the_way_is_what_comes_too_near_to_the_discs(x, y, first):
+    xy, yaw, clearance = path_along_x()
+    offsets = np.array([-0.16, 0.0, 0.16])
+    centres = (xy[first:, 0][:, None] + offsets).ravel()
+    near = np.hypot(centres - x, y).min()
+    got = stands_in_the_way(
+        np.array([[x, y]]), xy, yaw, clearance, first, offsets, 0.24, 0.02
+    )
+    if abs(near - 0.24) > 1e-9:
+        assert got == (near < 0.24)
+
+
+def test_what_the_plan_already_allowed_for_is_not_in_the_way():
+    xy, yaw, clearance = path_along_x()
+    surface, offsets = np.array([[1.0, 0.2]]), np.array([-0.16, 0.0, 0.16])
+    assert stands_in_the_way(surface, xy, yaw, clearance, 0, offsets, 0.24, 0.02)
+    tight = np.full(len(xy), 0.21)  # planned that near: 0.2 is no news
+    assert not stands_in_the_way(surface, xy, yaw, tight, 0, offsets, 0.24, 0.02)
+    assert not stands_in_the_way(np.empty((0, 2)), xy, yaw, clearance, 0, offsets, 0.24, 0.02)
