@@ -128,7 +128,11 @@ class LidarConfig:
 
 @dataclass(frozen=True, slots=True, config=_STRICT)
 class EkfConfig:
-    """Process noise as densities (per square root of a second), gates as probabilities."""
+    """Process noise as densities (per square root of a second), gates as probabilities.
+
+    gyro_bias_std: what a start-up calibration leaves. map_std_*: with what error a whole new view
+    enters the map, that of one scan's fit and of the cells' grain.
+    """
 
     speed_walk: Positive = 0.1
     yaw_rate_walk: Positive = 1.0
@@ -137,8 +141,10 @@ class EkfConfig:
     gauge_ratio_walk: NonNegative = 0.01
     gauge_ratio: Positive = 1.2
     gauge_ratio_std: Positive = 0.15
-    gyro_bias_std: Positive = 5.0e-3
-    encoder_slip_mps: Positive = 0.01
+    gyro_bias_std: Positive = 3.0e-3
+    encoder_slip_mps: Positive = 0.003
+    map_std_xy_m: NonNegative = 0.0012
+    map_std_yaw_rad: NonNegative = 0.0005
     gate_probability: Annotated[float, Field(gt=0.5, lt=1.0)] = 0.9999
 
 
@@ -147,8 +153,8 @@ class SlamConfig:
     """Grid and scan matcher.
 
     grain_m: how far a hit may lie from its surface. least_overlap: share of the points that must
-    meet the map. match_std_*: the map's own error, a floor under every fix. beyond_m: how far
-    past the goal waypoints may lie.
+    meet the map. match_std_*: what the cells' grain adds to every fix. beyond_m: how far past the
+    goal waypoints may lie.
     """
 
     resolution_m: Positive = 0.05
@@ -163,8 +169,8 @@ class SlamConfig:
     refine_steps: Annotated[int, Field(ge=1)] = 12
     least_overlap: Fraction = 0.4
     most_residual: Positive = 5.0
-    match_std_xy_m: Positive = 0.004
-    match_std_yaw_rad: Positive = 0.002
+    match_std_xy_m: Positive = 0.0005
+    match_std_yaw_rad: Positive = 0.00025
     beyond_m: Positive = 0.5
 
 

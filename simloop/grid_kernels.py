@@ -28,7 +28,7 @@ def trace_scan(
     miss: float,
     most: float,
     threshold: float,
-) -> FloatArray:
+) -> tuple[FloatArray, float]:
     """Enter one scan: its hits, then the free cells that its beams crossed.
 
     points, origins: (n, 2) in base_link at ``pose`` (3,) in map; (x0, y0): the grid's lower left
@@ -37,7 +37,11 @@ def trace_scan(
     ``threshold``, kept so. A cell gets one vote a scan, and one in which a beam ended is not voted
     free by the beams that only passed it. What is voted free for good forgets its hits.
 
-    Returns the surfaces, (k, 2) hit means in map, of the k cells that became occupied.
+    The free cells of a beam end two cells short of its own: the near half of the noise about a
+    wall must not be voted away, or the wall's hit mean would recede from whoever looks at it.
+
+    Returns the surfaces, (k, 2) hit means in map, of the k cells that became occupied, and their
+    share of all cells in which a beam ended.
     """
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     # Cells by one running number: a beam's step is an addition.
@@ -45,7 +49,7 @@ def trace_scan(
     odds_of, stamp_of, occupied_of = log_odds.ravel(), stamp.ravel(), occupied.ravel()
     hits_of = hits.reshape(-1, 3)
     ends = np.empty((points.shape[0], 2))
-    fresh, count = np.empty(points.shape[0], np.int64), 0
+    fresh, count, ended = np.empty(points.shape[0], np.int64), 0, 0
     for i in range(points.shape[0]):
         x = pose[0] + cos * points[i, 0] - sin * points[i, 1] - x0
         y = pose[1] + sin * points[i, 0] + cos * points[i, 1] - y0
@@ -56,6 +60,7 @@ def trace_scan(
         hits_of[cell, 2] += 1.0
         if stamp_of[cell] != scan_number:
             stamp_of[cell] = scan_number
+            ended += 1
             odds_of[cell] = min(most, odds_of[cell] + hit)
             if odds_of[cell] > threshold and not occupied_of[cell]:
                 occupied_of[cell] = True
@@ -64,10 +69,9 @@ def trace_scan(
     for i in range(points.shape[0]):
         ax = (pose[0] + cos * origins[i, 0] - sin * origins[i, 1] - x0) / resolution
         ay = (pose[1] + sin * origins[i, 0] + cos * origins[i, 1] - y0) / resolution
-        # Stop a cell short: a beam that ends in a wall says nothing of the wall's own edge.
         dx, dy = ends[i, 0] - ax, ends[i, 1] - ay
         length = math.hypot(dx, dy)
-        if length < 2.0:
+        if length < 3.0:
             continue
         dx, dy = dx / length, dy / length
         col, row = math.floor(ax), math.floor(ay)
@@ -77,7 +81,7 @@ def trace_scan(
         to_x = ((col + 1 - ax) if dx > 0 else (ax - col)) * grow_x
         to_y = ((row + 1 - ay) if dy > 0 else (ay - row)) * grow_y
         travelled, cell = 0.0, row * cols + col
-        while travelled < length - 1.0:
+        while travelled < length - 2.0:
             if stamp_of[cell] != scan_number:
                 stamp_of[cell] = scan_number
                 value = max(-most, odds_of[cell] - miss)
@@ -99,7 +103,7 @@ def trace_scan(
         n = hits_of[fresh[i], 2]
         places[i, 0] = x0 + hits_of[fresh[i], 0] / n
         places[i, 1] = y0 + hits_of[fresh[i], 1] / n
-    return places
+    return places, count / max(1, ended)
 
 
 @njit(cache=True)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,12 +23,12 @@ class _Message:
     __slots__ = ()
 
     def __post_init__(self) -> None:
-        for name in _array_fields(type(self)):
+        for name in _array_fields(self.__class__):  # type: ignore[arg-type]
             getattr(self, name).setflags(write=False)
 
 
 @cache
-def _array_fields(kind: type) -> tuple[str, ...]:
+def _array_fields(kind: Any) -> tuple[str, ...]:
     """The fields that hold an array, by their annotations; asked for at each message made."""
     arrays = ("FloatArray", "NDArray[")
     return tuple(field.name for field in fields(kind) if str(field.type).startswith(arrays))

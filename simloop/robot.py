@@ -120,7 +120,7 @@ class Robot:
             times = np.array([e.t_ns for e in self._trail], np.int64)
             poses = np.array([e.pose for e in self._trail])
             fix = self._slam.match(
-                scan, times, poses, estimate.pose, estimate.covariance[:3, :3]
+                scan, times, poses, estimate.pose, self._ekf.covariance_in_map
             )
         with self._time["ekf"]:
             taken = self._ekf.correct(fix)
@@ -129,6 +129,7 @@ class Robot:
         with self._time["slam"]:
             if taken or not self._mapped:
                 self._slam.insert(scan, estimate.pose)
+                self._ekf.mapped(self._slam.new_share)
                 self._mapped = True
                 self._unchecked.append(self._slam.new_surfaces_m)
             elif fix.ok:

@@ -25,6 +25,7 @@ from simloop.se2 import interpolate_xyt, wrap_angle
 
 _ROBUST = 9.0  # squared Mahalanobis distance at which a point's weight has fallen to a quarter
 _LEAST_COUNT = 2  # cells that make a surface
+_EQUAL_HITS = 10.0  # from which cells count alike for a line
 _LONG = 0.15  # variance along a surface, in cells squared, that makes it a line
 # Share of the best held direction's information below which a direction is not held at all: what
 # normals that are off by some 10 degrees, as those of young surfaces are, feign along a wall.
@@ -123,29 +124,30 @@ def correlate(
 def surface_at(
     row: int,
     col: int,
-    occupied: NDArray[np.bool_],
     hits: FloatArray,
     grain: float,
     resolution: float,
     out: FloatArray,
 ) -> bool:
-    """Write mean and inverse covariance (5,) x, y, a, b, c of the surface about a cell; False: none.
+    """Write mean and inverse covariance (5,) x, y, a, b, c of a cell's surface; False: it has none.
 
-    occupied: (rows, cols); hits: (rows, cols, 3) sums of x, y and count of the hits, m. grain: m,
-    standard deviation added. The inverse covariance is [[a, b], [b, c]], of rank one: it has nothing
-    along the surface; it is zero where the hits make no line.
+    hits: (rows, cols, 3) sums of x, y and count of the hits, m. grain: m,
+    standard deviation added. The inverse covariance is [[a, b], [b, c]], of rank one: it has
+    nothing along the surface; it is zero where the hits make no line.
     """
     cells = 0
     weight = sx = sy = sxx = sxy = syy = 0.0
-    rows, cols = occupied.shape
+    rows, cols = hits.shape[:2]
     for i in range(max(0, row - 1), min(rows, row + 2)):
         for j in range(max(0, col - 1), min(cols, col + 2)):
-            if not occupied[i, j] or hits[i, j, 2] <= 0.0:
-                continue
             n = hits[i, j, 2]
+            if n <= 0.0:
+                continue
             x, y = hits[i, j, 0] / n, hits[i, j, 1] / n
-            w = min(n, 10.0)
             cells += 1
+            # The line is all the cells', not that of the one that was seen longest: from there a
+            # small error of its direction would be a large one of its place.
+            w = min(n, _EQUAL_HITS)
             weight += w
             sx += w * x
             sy += w * y
@@ -157,9 +159,9 @@ def surface_at(
     mx, my = sx / weight, sy / weight
     cxx, cyy, cxy = sxx / weight - mx * mx, syy / weight - my * my, sxy / weight - mx * my
     wide, thin, cos, sin = principal_axes(cxx, cxy, cyy)
-    weight = 1.0 / (thin + grain * grain) if wide > _LONG * resolution**2 else 0.0
+    pull = 1.0 / (thin + grain * grain) if wide > _LONG * resolution**2 else 0.0
     out[0], out[1] = mx, my
-    out[2], out[3], out[4] = weight * sin * sin, -weight * cos * sin, weight * cos * cos
+    out[2], out[3], out[4] = pull * sin * sin, -pull * cos * sin, pull * cos * cos
     return True
 
 
@@ -192,7 +194,6 @@ def unheld_direction(h: FloatArray) -> FloatArray:
 def refine(
     points: FloatArray,
     start: FloatArray,
-    occupied: NDArray[np.bool_],
     hits: FloatArray,
     x0: float,
     y0: float,
@@ -200,14 +201,14 @@ def refine(
     grain: float,
     most_steps: int,
 ) -> tuple[FloatArray, FloatArray, float, float]:
-    """Gauss-Newton from ``start`` (3,): pose (3,), information (3, 3), matched share, mean residual.
+    """Gauss-Newton from ``start`` (3,): pose, information (3, 3), matched share, mean residual.
 
     The information is that of the last step, robust weights included, and none in a direction that
     is not held; the mean residual is the
     squared Mahalanobis distance a matched point, about 2 or less when the scan fits the map. Sums
     are taken about (x0, y0), which keeps the hit sums well conditioned.
     """
-    n, cols = points.shape[0], occupied.shape[1]
+    n, rows, cols = points.shape[0], hits.shape[0], hits.shape[1]
     pose = start.copy()
     # A point's surface is found anew only when the point has moved to another cell, which in
     # the last steps it hardly ever does; neighbours in a scan often share theirs.
@@ -224,7 +225,7 @@ def refine(
             ry = sin * points[i, 0] + cos * points[i, 1]
             px, py = pose[0] + rx - x0, pose[1] + ry - y0
             row, col = math.floor(py / resolution), math.floor(px / resolution)
-            if row < 0 or col < 0 or row >= occupied.shape[0] or col >= cols:
+            if row < 0 or col < 0 or row >= rows or col >= cols:
                 continue
             cell, surface = row * cols + col, surfaces[i]
             if cell != cell_of[i]:
@@ -233,9 +234,7 @@ def refine(
                     known[i] = known[i - 1]
                     surface[:] = surfaces[i - 1]
                 else:
-                    known[i] = surface_at(
-                        row, col, occupied, hits, grain, resolution, surface
-                    )
+                    known[i] = surface_at(row, col, hits, grain, resolution, surface)
             if not known[i]:
                 continue
             dx, dy = px - surface[0], py - surface[1]

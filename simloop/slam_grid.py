@@ -97,18 +97,19 @@ class GridSlam:
     def insert(self, scan: LidarScan, pose: FloatArray) -> None:
         """Enter a scan that ended at ``pose`` (3,); the trail is that of its match.
 
-        ``new_surfaces_m`` (k, 2) then holds where, in map, cells became occupied by it.
+        ``new_surfaces_m`` (k, 2) then holds where, in map, cells became occupied by it, and
+        ``new_share`` their share of all cells in which its beams ended.
         """
         if scan.t_ns != self._scan_t_ns:
             self._take(scan, np.array([scan.t_ns], np.int64), np.array([pose], np.float64))
-        self.new_surfaces_m = np.empty((0, 2))
+        self.new_surfaces_m, self.new_share = np.empty((0, 2)), 0.0
         if len(self.points_m) == 0:
             return
         pose = np.array(pose, np.float64)
         self._grow_to_hold(pose)
         self._scans += 1
         config = self._config
-        self.new_surfaces_m = trace_scan(
+        self.new_surfaces_m, self.new_share = trace_scan(
             self.points_m,
             self._origins,
             pose,
@@ -156,7 +157,6 @@ class GridSlam:
         return refine(
             self.points_m,
             start,
-            self._occupied,
             self._hits,
             *self.origin_m.tolist(),
             self.resolution_m,
@@ -183,10 +183,10 @@ class GridSlam:
         return share >= self._config.least_overlap and residual <= self._config.most_residual
 
     def _covariance(self, information: FloatArray, residual: float) -> FloatArray:
-        """(3, 3): what the match itself leaves open, and the map's own error as a floor.
+        """(3, 3): what the match leaves open, and the grain of the cells as a floor.
 
-        A direction that no surface holds, as along a corridor, has little information and so a
-        large variance.
+        A direction that no surface holds, as along a corridor, has no information and so a large
+        variance. The map's own error is not in it: it is the same for one fix after the other.
         """
         config = self._config
         floor = np.diag(np.square([config.match_std_xy_m] * 2 + [config.match_std_yaw_rad]))

@@ -7,10 +7,21 @@ import sys
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from simloop.loop import Simulation
-from simloop.messages import Event, LidarScan, Plan, PoseFix, SmoothPath, TrackCommand, Truth
+from simloop.messages import (
+    Estimate,
+    Event,
+    LidarScan,
+    Plan,
+    PoseFix,
+    SmoothPath,
+    TrackCommand,
+    Truth,
+)
 from simloop.scenario import load
+from simloop.se2 import wrap_angle
 
 
 class Tape:
@@ -130,3 +141,38 @@ def test_a_blind_robot_is_stopped_by_the_referee_or_stops_itself(monkeypatch):
     assert result.metrics["contact_count"] == 0
     assert any("stuck" in e.text for e in tape.of(Event))
     assert any(c.mode == "held" for c in tape.of(TrackCommand))
+
+
+def nees_by_instant(name, seeds):
+    """(runs, instants) of x, y, yaw at 10 Hz, cut to the shortest run's length."""
+    runs = []
+    for seed in seeds:
+        truths, values = {}, []
+
+        def hear(message, truths=truths, values=values):
+            if isinstance(message, Truth):
+                truths[message.t_ns] = message.pose_xyyaw
+            elif isinstance(message, Estimate) and message.t_ns % 100_000_000 == 0:
+                error = message.pose - truths[message.t_ns]
+                error[2] = wrap_angle(error[2])
+                values.append(error @ np.linalg.solve(message.covariance[:3, :3], error))
+
+        run(name, seed, listeners=[hear])
+        runs.append(values)
+    shortest = min(map(len, runs))
+    return np.array([values[:shortest] for values in runs])
+
+
+def test_the_robot_knows_how_well_it_knows_its_pose():
+    """A handful of seeds against gross errors; the slow test below holds the band itself."""
+    nees = nees_by_instant("experiment", range(1000, 1006))
+    assert 1.2 < nees.mean() < 5.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["experiment", "clutter", "corridor", "trap"])
+def test_nees_over_fifty_seeds(name):
+    """Never overconfident as a whole; cautious by less than the band's lower half again."""
+    nees = nees_by_instant(name, range(1000, 1050))
+    low, high = chi2.ppf([0.025, 0.975], 3 * len(nees)) / len(nees)
+    assert 0.75 * low < nees.mean() < high

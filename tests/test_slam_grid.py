@@ -91,7 +91,7 @@ def plain_trace(points, origins, pose, grid, number, config=CONFIG):
             odds[cell] = min(config.max_log_odds, odds[cell] + config.hit_log_odds)
     for a, b in zip(starts / config.resolution_m, ends / config.resolution_m, strict=True):
         length = math.dist(a, b)
-        if length < 2.0:
+        if length < 3.0:
             continue
         direction = (b - a) / length
         # Cut the segment where it crosses the grid's lines; each piece lies in one cell.
@@ -103,13 +103,14 @@ def plain_trace(points, origins, pose, grid, number, config=CONFIG):
                 cuts += [t for t in (lines - a[axis]) / direction[axis] if 0 < t < length]
         cuts = sorted(cuts)
         for start, end in zip(cuts, [*cuts[1:], length], strict=True):
-            if start >= length - 1.0:
+            if start >= length - 2.0:
                 break
             middle = a + 0.5 * (start + end) * direction
             cell = (math.floor(middle[1]), math.floor(middle[0]))
             if stamp[cell] != number:
                 stamp[cell] = number
-                odds[cell] = max(-config.max_log_odds, odds[cell] - np.float32(config.miss_log_odds))
+                lower = odds[cell] - np.float32(config.miss_log_odds)
+                odds[cell] = max(-config.max_log_odds, lower)
                 if odds[cell] < 0.0:
                     hits[cell] = 0.0
     occupied[:] = odds > config.occupied_log_odds
@@ -118,6 +119,12 @@ def plain_trace(points, origins, pose, grid, number, config=CONFIG):
         (x0 + hits[r, c, 0] / hits[r, c, 2], y0 + hits[r, c, 1] / hits[r, c, 2])
         for r, c in zip(rows, cols, strict=True)
     }
+
+
+def cells_of(points, pose, corner):
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    placed = points @ np.array([[cos, sin], [-sin, cos]]) + pose[:2] - corner
+    return len({tuple(cell) for cell in np.floor(placed / CONFIG.resolution_m)})
 
 
 @given(seeds)
@@ -140,15 +147,17 @@ def test_tracing_a_scan_is_what_the_plain_twin_does(seed):
         points = rng.uniform(-1.0, 1.0, (40, 2))
         origins = rng.uniform(-0.02, 0.02, (40, 2))
         odds, hits, stamp, occupied = fast
-        found = trace_scan(
+        found, share = trace_scan(
             points, origins, pose, x0, y0, CONFIG.resolution_m, odds, hits, stamp, occupied, number,
-            CONFIG.hit_log_odds, CONFIG.miss_log_odds, CONFIG.max_log_odds, CONFIG.occupied_log_odds,
+            CONFIG.hit_log_odds, CONFIG.miss_log_odds, CONFIG.max_log_odds,
+            CONFIG.occupied_log_odds,
         )  # fmt: skip
         expected = plain_trace(points, origins, pose, (x0, y0, *slow), number)
         np.testing.assert_allclose(odds, slow[0], atol=1e-5)
         np.testing.assert_allclose(hits, slow[1], atol=1e-9)
         np.testing.assert_array_equal(occupied, slow[3])
         assert len(found) == len(expected)
+        assert share == pytest.approx(len(expected) / cells_of(points, pose, (x0, y0)))
         if expected:
             np.testing.assert_allclose(sorted(map(tuple, found)), sorted(expected), atol=1e-9)
 
@@ -174,7 +183,7 @@ def plain_refine_step(points, pose, slam):
         col, row = (math.floor(v / slam.resolution_m) for v in place)
         if not (0 <= row < slam.occupied.shape[0] and 0 <= col < slam.occupied.shape[1]):
             continue
-        if not surface_at(row, col, slam._occupied, slam._hits, CONFIG.grain_m, slam.resolution_m, surface):
+        if not surface_at(row, col, slam._hits, CONFIG.grain_m, slam.resolution_m, surface):
             continue
         off = place - surface[:2]
         inverse = np.array([[surface[2], surface[3]], [surface[3], surface[4]]])
@@ -196,8 +205,8 @@ def test_refinement_is_gauss_newton_with_every_surface_found_anew():
         if abs(step[0]) + abs(step[1]) < 1e-4 and abs(step[2]) < 1e-4:
             break
     fast, *_ = refine(
-        points, np.zeros(3), slam._occupied, slam._hits, *slam.origin_m, slam.resolution_m,
-        CONFIG.grain_m, CONFIG.refine_steps,
+        points, np.zeros(3), slam._hits, *slam.origin_m, slam.resolution_m, CONFIG.grain_m,
+        CONFIG.refine_steps,
     )  # fmt: skip
     np.testing.assert_allclose(fast, pose, atol=1e-9)
 
@@ -268,6 +277,21 @@ def test_what_is_new_is_told_and_told_once():
     on_post = (np.abs(told[:, 0] + 1.02) < 0.03) & (np.abs(told[:, 1]) < 0.23)
     assert on_post.sum() >= 6
     assert len({tuple(np.round(p, 2)) for p in told[on_post]}) == on_post.sum()
+
+
+@pytest.mark.parametrize("off_m", [0.0, 0.01, 0.02, 0.025, 0.03, 0.04])
+def test_a_wall_stays_where_it_is_wherever_the_cells_lie(off_m):
+    """The near half of the noise must not be voted free, or walls recede from the robot."""
+    x = 2.0 + off_m
+    room = Room((x, -0.6, x, 0.6), (-x, -0.6, -x, 0.6))
+    slam = mapped(room, [(0, 0, 0)] * 30, seed=3)
+    hits = slam._hits
+    sums = hits[..., 0] + slam.origin_m[0] * hits[..., 2]
+    columns = slam.origin_m[0] + slam.resolution_m * (np.arange(hits.shape[1]) + 0.5)
+    for side in (-1.0, 1.0):
+        about = np.abs(columns - side * x) < 3.0 * slam.resolution_m
+        mean = sums[:, about].sum() / hits[:, about, 2].sum()
+        assert mean == pytest.approx(side * x, abs=1e-3)
 
 
 def test_the_grid_grows_and_keeps_what_it_holds():
