@@ -54,12 +54,17 @@ def geom_kinds(model: mujoco.MjModel) -> np.ndarray:
 
 @njit(cache=True)
 def carry_ranges(
-    ranges: FloatArray, normals: FloatArray, directions: FloatArray, offsets: FloatArray
+    ranges: FloatArray,
+    normals: FloatArray,
+    directions: FloatArray,
+    origins: FloatArray,
+    middle: FloatArray,
+    cutoff: float,
 ) -> NDArray[np.int64]:
-    """Carry ranges (n,) in place to origins moved by ``offsets`` (n, 3), the surface being a plane.
+    """Carry ranges (n,) in place from ``middle`` (3,) to ``origins`` (n, 3), surfaces being planes.
 
-    r' = r - (d . n) / (u . n) with n the surface's normal, d the offset, u the ray. Returns the
-    indices of rays that meet their surface at too flat an angle for that.
+    r' = r - (d . n) / (u . n) with n the surface's normal, d the offset, u the ray; -1 beyond
+    ``cutoff``. Returns the indices of rays that meet their surface at too flat an angle for that.
     """
     flat = np.empty(ranges.shape[0], np.int64)
     count = 0
@@ -69,12 +74,14 @@ def carry_ranges(
         along, off = 0.0, 0.0
         for k in range(3):
             along += directions[i, k] * normals[i, k]
-            off += offsets[i, k] * normals[i, k]
+            off += (origins[i, k] - middle[k]) * normals[i, k]
         if abs(along) < _GRAZING or abs(off) > _FAR_M:
             flat[count] = i
             count += 1
         else:
             ranges[i] -= off / along
+            if ranges[i] > cutoff:
+                ranges[i] = -1.0
     return flat[:count]
 
 
@@ -174,11 +181,11 @@ class Plant:
             n,
             cutoff_m,
         )
-        for i in carry_ranges(ranges, normals, directions, origins_m - middle):
-            ranges[i] = mujoco.mj_ray(
+        for i in carry_ranges(ranges, normals, directions, origins_m, middle, cutoff_m):
+            there = mujoco.mj_ray(
                 model, data, origins_m[i], directions[i], self._ray_groups, 1, self._base, geoms[:1]
             )
-        ranges[ranges > cutoff_m] = -1.0
+            ranges[i] = there if there <= cutoff_m else -1.0
         return ranges
 
     def reset(self, pose: FloatArray, settle_s: float = 0.5) -> Truth:

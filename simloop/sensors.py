@@ -16,6 +16,7 @@ from simloop.config import EncoderConfig, ImuConfig, LidarConfig
 from simloop.messages import EncoderReading, FloatArray, ImuReading, LidarScan, Truth
 
 _TURN = 2.0 * math.pi
+_DRAWS = 100  # IMU readings whose noise is drawn in one go
 
 
 class Encoders:
@@ -40,16 +41,21 @@ class Imu:
         def six(gyro: float, accel: float) -> FloatArray:
             return np.repeat([gyro, accel], 3)
 
-        self._noise = white * six(config.gyro_noise_radps_rthz, config.accel_noise_mps2_rthz)
-        self._walk = walk * six(config.gyro_bias_walk_radps_rts, config.accel_bias_walk_mps2_rts)
+        noise = white * six(config.gyro_noise_radps_rthz, config.accel_noise_mps2_rthz)
+        steps = walk * six(config.gyro_bias_walk_radps_rts, config.accel_bias_walk_mps2_rts)
         bias = six(config.gyro_bias_radps, config.accel_bias_mps2)
         self.bias = bias * rng.standard_normal(6)
+        self._scale = np.stack((steps, noise))
+        self._steps, self._drawn = np.empty((_DRAWS, 2, 6)), _DRAWS
 
     def read(self, truth: Truth) -> ImuReading:
         """Rates and proper acceleration at ``truth``'s instant, in the imu frame."""
-        draws = self._rng.standard_normal((2, 6))
-        self.bias += self._walk * draws[0]
-        error = self.bias + self._noise * draws[1]
+        if self._drawn == _DRAWS:  # many at once: the same numbers in the same order, and cheaper
+            self._steps, self._drawn = self._scale * self._rng.standard_normal((_DRAWS, 2, 6)), 0
+        step, noise = self._steps[self._drawn]
+        self._drawn += 1
+        self.bias += step
+        error = self.bias + noise
         return ImuReading(
             truth.t_ns, truth.velocity_body[3:] + error[:3], truth.acceleration_mps2 + error[3:]
         )
@@ -92,7 +98,7 @@ class Lidar:
         """Cast the beams that fell between two truths; the scan when its turn is full."""
         start_ns = before.t_ns - before.t_ns % self._period_ns
         first = self._next
-        last = int(np.searchsorted(self._due_ns, now.t_ns - start_ns, side="right"))
+        last = int(self._due_ns.searchsorted(now.t_ns - start_ns, side="right"))
         beams = slice(first, last)
         span = now.t_ns - before.t_ns
         beam_rays(
