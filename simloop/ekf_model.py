@@ -99,14 +99,46 @@ def squared_mahalanobis(residual: FloatArray, covariance: FloatArray) -> float:
     return float(np.dot(residual, np.linalg.solve(covariance, residual)))
 
 
+# Plain loops: for matrices as small as these BLAS costs more in calls and buffers than in sums,
+# and in the loop, where it finds its code out of the cache each time, several times as much.
+
+
 @njit(cache=True)
-def wheel_surprise(
-    x: FloatArray, covariance: FloatArray, z: FloatArray, noise: FloatArray, gauge: float
-) -> float:
-    """Squared Mahalanobis distance of the two belt speeds in z (3,), noise (3, 3)."""
-    jacobian = wheels_and_gyro_jacobian(x, gauge)[:2]
-    innovation = jacobian @ covariance @ jacobian.T + noise[:2, :2]
-    return squared_mahalanobis((z - wheels_and_gyro(x, gauge))[:2], innovation)
+def product(a: FloatArray, b: FloatArray) -> FloatArray:
+    """(n, m) a b of a (n, k) and b (k, m)."""
+    out = np.zeros((a.shape[0], b.shape[1]))
+    for i in range(a.shape[0]):
+        for k in range(a.shape[1]):
+            factor = a[i, k]
+            if factor != 0.0:
+                for j in range(b.shape[1]):
+                    out[i, j] += factor * b[k, j]
+    return out
+
+
+@njit(cache=True)
+def sandwich(a: FloatArray, b: FloatArray) -> FloatArray:
+    """(n, n) a b a^T of a (n, k) and b (k, k)."""
+    return product(product(a, b), a.T)
+
+
+@njit(cache=True)
+def inverse_3(a: FloatArray) -> FloatArray:
+    """The inverse of a symmetric, positive definite a (3, 3), by its cofactors."""
+    out = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            k, m, n, o = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
+            out[j, i] = a[k, n] * a[m, o] - a[k, o] * a[m, n]
+    return out / (a[0, 0] * out[0, 0] + a[0, 1] * out[1, 0] + a[0, 2] * out[2, 0])
+
+
+@njit(cache=True)
+def pair_mahalanobis(residual: FloatArray, spread: FloatArray, variance: float) -> float:
+    """Squared Mahalanobis distance of residual[:2], of covariance spread[:2, :2] + variance I."""
+    a, b, c = spread[0, 0] + variance, spread[0, 1], spread[1, 1] + variance
+    r, s = residual[0], residual[1]
+    return float((c * r * r - 2.0 * b * r * s + a * s * s) / (a * c - b * b))
 
 
 @njit(cache=True)
@@ -131,17 +163,17 @@ def predict_and_correct(
     ignored where their squared Mahalanobis distance is above ``gate``: then the belts slip.
     """
     transition = motion_jacobian(x, accel, dt)
-    p = transition @ covariance @ transition.T + motion_noise(x, dt, walk)
+    p = sandwich(transition, covariance) + motion_noise(x, dt, walk)
     x = motion(x, accel, dt)
     z = np.array([left, right, gyro])
     noise = np.diag(np.array([wheel_var, wheel_var, gyro_var]))
-    if wheel_surprise(x, p, z, noise, gauge) > gate:
-        noise[0, 0] = noise[1, 1] = SLIPPING_VAR
     h = wheels_and_gyro_jacobian(x, gauge)
-    pht = p @ h.T
-    gain = np.ascontiguousarray(np.linalg.solve(h @ pht + noise, pht.T).T)
-    x = x + gain @ (z - wheels_and_gyro(x, gauge))
+    residual = z - wheels_and_gyro(x, gauge)
+    spread = sandwich(h, p)
+    if pair_mahalanobis(residual, spread, wheel_var) > gate:
+        noise[0, 0] = noise[1, 1] = SLIPPING_VAR
+    gain = product(product(p, h.T), inverse_3(spread + noise))
+    x = x + product(gain, residual.reshape(3, 1))[:, 0]
     x[YAW] = wrap_angle(x[YAW])
-    rest = np.eye(7) - gain @ h
-    p = rest @ p @ rest.T + gain @ noise @ gain.T
+    p = sandwich(np.eye(7) - product(gain, h), p) + sandwich(gain, noise)
     return x, 0.5 * (p + p.T)

@@ -51,7 +51,8 @@ class Imu:
     def read(self, truth: Truth) -> ImuReading:
         """Rates and proper acceleration at ``truth``'s instant, in the imu frame."""
         if self._drawn == _DRAWS:  # many at once: the same numbers in the same order, and cheaper
-            self._steps, self._drawn = self._scale * self._rng.standard_normal((_DRAWS, 2, 6)), 0
+            self._steps = self._scale * self._rng.standard_normal((_DRAWS, 2, 6))
+            self._drawn = 0
         step, noise = self._steps[self._drawn]
         self._drawn += 1
         self.bias += step
@@ -150,7 +151,7 @@ def beam_rays(
     origins: FloatArray,
     directions: FloatArray,
 ) -> None:
-    """Origin and direction (n, 3) of beams in the world, cast while the body moves from pose 0 to 1.
+    """Origin and direction (n, 3) of beams in the world, the body moving from pose 0 to pose 1.
 
     fraction: (n,) of the way at each beam; position linear, attitude by normalised interpolation
     (the two are one control period apart). angle: (n,) in the laser frame.
