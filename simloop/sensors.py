@@ -66,7 +66,7 @@ class RayCaster(Protocol):
     """What a LiDAR needs of the world."""
 
     def cast(self, origins_m: FloatArray, directions: FloatArray, cutoff_m: float) -> FloatArray:
-        """Distances (n,) along unit ``directions`` (n, 3) from ``origins_m`` (n, 3); -1: nothing."""
+        """Ranges (n,) along unit ``directions`` (n, 3) from ``origins_m`` (n, 3); -1: nothing."""
         ...
 
 
