@@ -188,11 +188,15 @@ class PlannerConfig:
 
 @dataclass(frozen=True, slots=True, config=_STRICT)
 class SmootherConfig:
-    """Bezier corners; the lead-in takes the path from the robot's heading to the plan's."""
+    """Bezier corners; the lead-in takes the path from the robot's heading to the plan's.
+
+    extra_room_m: what the path keeps over the safety distance where there is room for it.
+    """
 
     spacing_m: Positive = 0.02
     max_cut_m: Positive = 0.6
     min_cut_m: Positive = 0.01
+    extra_room_m: NonNegative = 0.04
     lead_in_m: Positive = 0.25
     lead_in_max_turn_rad: NonNegative = 1.0
 

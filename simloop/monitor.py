@@ -1,6 +1,6 @@
 """The collision monitor: from its present speed the robot stops before what it has just seen.
 
-It looks at the last scan alone, not at the map or the plan: points in base_link, carried
+It looks at the last few scans alone, not at the map or the plan: points in base_link, carried
 along by the estimate's motion since. The motion that a command would bring, and the braking
 after it, is an arc; the footprint's rectangle is swept along it among the points.
 """
@@ -8,6 +8,7 @@ after it, is an arc; the footprint's rectangle is swept along it among the point
 from __future__ import annotations
 
 import math
+from collections import deque
 
 import numpy as np
 from numba import njit
@@ -19,7 +20,8 @@ _STEP_M = 0.02
 _STEP_RAD = 0.04
 _HALVINGS = 4
 _LEAST_PART = 0.1  # less than this of a velocity is not worth creeping with
-_WINDOW = 2  # rays on either side that a point is averaged with
+_SCANS = 3
+_WINDOW = 4  # points on either side that a point is averaged with
 _ONE_SURFACE_M = 0.05
 _BETWEEN_SCANS_M = 0.2  # how far the robot may come before the next scan, and some
 
@@ -47,7 +49,7 @@ def points_in(pose: FloatArray, seen_from: FloatArray, points: FloatArray) -> Fl
 
 @njit(cache=True)
 def steadied(points: FloatArray, window: int, apart: float) -> FloatArray:
-    """(n, 2) the scan's points, in its order, each averaged with its neighbours on one surface.
+    """(n, 2) points, ordered by bearing, each averaged with its neighbours on one surface.
 
     A ray's noise, as large as the margin, would else stop the robot again and again beside what
     it can pass. Neighbours count in pairs, one from either side, as far as both lie within
@@ -112,7 +114,7 @@ def free_fraction(
     half_width: float,
     margin: float,
 ) -> float:
-    """How much of a motion is free, 0 to 1, before the footprint comes within ``margin`` of a point.
+    """How much of a motion, 0 to 1, is free before the footprint is within ``margin`` of a point.
 
     points: (n, 2) in base_link now. The motion is an arc, ``ahead`` m long and ``turned`` rad
     round. A point that is within the margin already hinders only what brings it nearer.
@@ -162,7 +164,7 @@ def allowed_part(
 
 
 class CollisionMonitor:
-    """Scales a body velocity down to what the last scan allows."""
+    """Scales a body velocity down to what the last scans allow."""
 
     def __init__(self, config: TrackerConfig, vehicle: VehicleConfig) -> None:
         self._limits = np.array(
@@ -180,14 +182,18 @@ class CollisionMonitor:
             config.monitor_reaction_s + config.max_speed_mps / config.max_decel_mps2
         )
         self._near_m = reach + stop + _BETWEEN_SCANS_M
+        self._scans: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=_SCANS)
         self._points = np.empty((0, 2))
         self._pose = np.zeros(3)
 
     def observe(self, points_m: FloatArray, pose: FloatArray) -> None:
-        """Take a scan: points (n, 2) in base_link, in its order, seen from ``pose`` (3,) in map."""
+        """Take a scan: points (n, 2) in base_link, seen from ``pose`` (3,) in map."""
+        pose = np.array(pose, np.float64)
         near = np.hypot(points_m[:, 0], points_m[:, 1]) < self._near_m
-        steady = steadied(points_m, _WINDOW, _ONE_SURFACE_M)
-        self._points, self._pose = np.ascontiguousarray(steady[near]), pose.copy()
+        self._scans.append((np.ascontiguousarray(points_m[near]), pose))
+        merged = np.concatenate([points_in(pose, seen, points) for points, seen in self._scans])
+        order = np.argsort(np.arctan2(merged[:, 1], merged[:, 0]), kind="stable")
+        self._points, self._pose = steadied(merged[order], _WINDOW, _ONE_SURFACE_M), pose
 
     def allow(self, speed: float, yaw_rate: float, pose: FloatArray) -> tuple[float, float]:
         """The part of a velocity (m/s, rad/s) that can be stopped in time at ``pose`` (3,)."""
