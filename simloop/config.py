@@ -170,7 +170,10 @@ class SlamConfig:
 
 @dataclass(frozen=True, slots=True, config=_STRICT)
 class PlannerConfig:
-    """Sabiha 2022: J = w1 S + w2 Theta + sigma sum R; class of 100; 30 idle generations end it."""
+    """Sabiha 2022: J = w1 S + w2 Theta + sigma sum R; class of 100; 30 idle generations end it.
+
+    squeeze_m: what may be given up of the safety distance where that saves a long way round.
+    """
 
     name: str = "tlbo"
     length_weight: NonNegative = 0.65
@@ -181,6 +184,7 @@ class PlannerConfig:
     idle_generations: Annotated[int, Field(ge=1)] = 30
     max_evaluations: Annotated[int, Field(ge=100)] = 40_000
     safe_distance_m: Positive = 0.26
+    squeeze_m: Annotated[float, Field(ge=0.0, lt=0.05)] = 0.008
     precise: bool = False
     latency: Literal["fixed", "per_evaluation"] = "fixed"
     latency_s: NonNegative = 0.0
