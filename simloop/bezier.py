@@ -17,6 +17,7 @@ from numba import njit
 
 from simloop.config import SmootherConfig, VehicleConfig
 from simloop.distance_field import Field, field_of, footprint_clearance
+from simloop.elastic import make_room
 from simloop.messages import FloatArray, Plan, SmoothPath, WorldView
 from simloop.se2 import wrap_angle
 
@@ -25,6 +26,7 @@ _C3 = (_C2 + 4.0) / (7.2364 + 6.0)
 C4 = (_C2 + 4.0) ** 2 / (54.0 * _C3)
 _STRAIGHT_RAD = 1e-3  # corners flatter than this are left alone
 _SHRINK = 0.75
+_GENTLE_M = 0.25  # a cut longer than this is not worth less than the preferred clearance
 _LEAD_FRACTIONS = (1.0, 0.6, 0.3)
 
 
@@ -85,12 +87,19 @@ def _corner_clearance(controls: FloatArray, field: Field, offsets: FloatArray) -
 
 @njit(cache=True)
 def fit_corners(
-    points: FloatArray, field: Field, offsets: FloatArray, safe: float, most: float, least: float
+    points: FloatArray,
+    field: Field,
+    offsets: FloatArray,
+    safe: float,
+    preferred: float,
+    most: float,
+    least: float,
 ) -> FloatArray:
     """(n,) how far each corner of a polyline (n, 2) is cut, m; 0 where it is all but straight.
 
-    safe: clearance to keep, m; where even the tightest cut (``least``, m) cannot, it stays: there
-    the robot all but turns on the spot, along the polyline that the planner answers for.
+    preferred: clearance, m, that a gentle cut keeps; safe: that any cut keeps; where even the
+    tightest cut (``least``, m) cannot, it stays: there the robot all but turns on the spot, along
+    the polyline that the planner answers for.
     """
     n = points.shape[0]
     cuts = np.zeros(n)
@@ -106,7 +115,8 @@ def fit_corners(
         cut = min(most, room)
         while cut > least:
             controls = corner_controls(points[i - 1], points[i], points[i + 1], cut)
-            if _corner_clearance(controls, field, offsets) >= safe:
+            enough = preferred if cut > _GENTLE_M else safe
+            if _corner_clearance(controls, field, offsets) >= enough:
                 break
             cut *= _SHRINK
         cuts[i] = min(room, max(cut, least))
@@ -174,13 +184,14 @@ class Smoother:
         It starts along the robot's heading where that is near enough to the plan's and the
         clearance allows; else along the plan, and the robot turns on the spot first.
         """
-        field, straight = field_of(view), self._path(plan.waypoints_m, field_of(view))
+        field = field_of(view)
+        points, straight = self._roomy(plan.waypoints_m, field)
         turn = wrap_angle(straight[0, 2] - pose[2])
         if abs(turn) < _STRAIGHT_RAD or abs(turn) > self._config.lead_in_max_turn_rad:
             return self._message(plan, straight, field)
         enough = min(self._safe, float(path_clearance(straight, field, self._offsets).min()))
         for fraction in _LEAD_FRACTIONS:
-            led = self._path(self._with_lead_in(plan.waypoints_m, pose, fraction), field)
+            led = self._path(self._with_lead_in(points, pose, fraction), field)
             if path_clearance(led, field, self._offsets).min() >= enough:
                 return self._message(plan, led, field)
         return self._message(plan, straight, field)
@@ -192,6 +203,26 @@ class Smoother:
         samples = np.column_stack((path.xy_m[part], path.yaw_rad[part]))
         return path.clearance_m[part], path_clearance(samples, field_of(view), self._offsets)
 
+    def _roomy(self, waypoints: FloatArray, field: Field) -> tuple[FloatArray, FloatArray]:
+        """The plan's points, moved to where there is room, and the path along them.
+
+        Where the plan's own points make a path of more clearance than the safety distance and
+        the moved ones do not, they stay.
+        """
+        points = np.ascontiguousarray(waypoints)
+        if self._config.extra_room_m > 0.0:
+            preferred = self._safe + self._config.extra_room_m
+            moved = make_room(points, field, self._offsets, self._safe, preferred)
+            path = self._path(moved, field)
+            least = path_clearance(path, field, self._offsets).min()
+            if least >= self._safe:
+                return moved, path
+            plain = self._path(points, field)
+            if least >= path_clearance(plain, field, self._offsets).min():
+                return moved, path
+            return points, plain
+        return points, self._path(points, field)
+
     def _with_lead_in(self, points: FloatArray, pose: FloatArray, fraction: float) -> FloatArray:
         first = math.dist(points[0], points[1])
         lead = fraction * min(self._config.lead_in_m, 0.5 * first)
@@ -202,7 +233,13 @@ class Smoother:
         config = self._config
         points = np.ascontiguousarray(points)
         cuts = fit_corners(
-            points, field, self._offsets, self._safe, config.max_cut_m, config.min_cut_m
+            points,
+            field,
+            self._offsets,
+            self._safe,
+            self._safe + config.extra_room_m,
+            config.max_cut_m,
+            config.min_cut_m,
         )
         return sample_path(points, cuts, config.spacing_m)
 

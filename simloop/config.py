@@ -176,7 +176,10 @@ class SlamConfig:
 
 @dataclass(frozen=True, slots=True, config=_STRICT)
 class PlannerConfig:
-    """Sabiha 2022: J = w1 S + w2 Theta + sigma sum R; class of 100; 30 idle generations end it."""
+    """Sabiha 2022: J = w1 S + w2 Theta + sigma sum R; class of 100; 30 idle generations end it.
+
+    squeeze_m: what may be given up of the safety distance where that saves a long way round.
+    """
 
     name: str = "tlbo"
     length_weight: NonNegative = 0.65
@@ -187,6 +190,7 @@ class PlannerConfig:
     idle_generations: Annotated[int, Field(ge=1)] = 30
     max_evaluations: Annotated[int, Field(ge=100)] = 40_000
     safe_distance_m: Positive = 0.26
+    squeeze_m: Annotated[float, Field(ge=0.0, lt=0.05)] = 0.008
     precise: bool = False
     latency: Literal["fixed", "per_evaluation"] = "fixed"
     latency_s: NonNegative = 0.0
@@ -194,11 +198,15 @@ class PlannerConfig:
 
 @dataclass(frozen=True, slots=True, config=_STRICT)
 class SmootherConfig:
-    """Bezier corners; the lead-in takes the path from the robot's heading to the plan's."""
+    """Bezier corners; the lead-in takes the path from the robot's heading to the plan's.
+
+    extra_room_m: what the path keeps over the safety distance where there is room for it.
+    """
 
     spacing_m: Positive = 0.02
     max_cut_m: Positive = 0.6
     min_cut_m: Positive = 0.01
+    extra_room_m: NonNegative = 0.04
     lead_in_m: Positive = 0.25
     lead_in_max_turn_rad: NonNegative = 1.0
 

@@ -1,6 +1,6 @@
 """The collision monitor: from its present speed the robot stops before what it has just seen.
 
-It looks at the last scan alone, not at the map or the plan: points in base_link, carried
+It looks at the last few scans alone, not at the map or the plan: points in base_link, carried
 along by the estimate's motion since. The motion that a command would bring, and the braking
 after it, is an arc; the footprint's rectangle is swept along it among the points.
 """
@@ -8,6 +8,7 @@ after it, is an arc; the footprint's rectangle is swept along it among the point
 from __future__ import annotations
 
 import math
+from collections import deque
 
 import numpy as np
 from numba import njit
@@ -17,6 +18,12 @@ from simloop.messages import FloatArray
 
 _STEP_M = 0.02
 _STEP_RAD = 0.04
+_HALVINGS = 4
+_LEAST_PART = 0.1  # less than this of a velocity is not worth creeping with
+_SCANS = 3
+_WINDOW = 4  # points on either side that a point is averaged with
+_ONE_SURFACE_M = 0.05
+_BETWEEN_SCANS_M = 0.2  # how far the robot may come before the next scan, and some
 
 
 @njit(cache=True)
@@ -41,6 +48,64 @@ def points_in(pose: FloatArray, seen_from: FloatArray, points: FloatArray) -> Fl
 
 
 @njit(cache=True)
+def steadied(points: FloatArray, window: int, apart: float) -> FloatArray:
+    """(n, 2) points, ordered by bearing, each averaged with its neighbours on one surface.
+
+    A ray's noise, as large as the margin, would else stop the robot again and again beside what
+    it can pass. Neighbours count in pairs, one from either side, as far as both lie within
+    ``apart`` m of the point: along a flat surface that moves no point but across it, and a thin
+    post or an edge stays where it is.
+    """
+    n = points.shape[0]
+    out = points.copy()
+    for i in range(n):
+        sum_x, sum_y, count = points[i, 0], points[i, 1], 1
+        for k in range(1, min(window, (n - 1) // 2) + 1):
+            a, b = (i - k) % n, (i + k) % n
+            if (
+                math.hypot(points[a, 0] - points[i, 0], points[a, 1] - points[i, 1]) > apart
+                or math.hypot(points[b, 0] - points[i, 0], points[b, 1] - points[i, 1]) > apart
+            ):
+                break
+            sum_x += points[a, 0] + points[b, 0]
+            sum_y += points[a, 1] + points[b, 1]
+            count += 2
+        out[i, 0], out[i, 1] = sum_x / count, sum_y / count
+    return out
+
+
+@njit(cache=True)
+def _hindered(
+    points: FloatArray,
+    ahead: float,
+    turned: float,
+    half_length: float,
+    half_width: float,
+    margin: float,
+) -> bool:
+    """Whether the footprint is within ``margin`` of a point, and nearer than it was, at the end
+    of an arc ``ahead`` m long and ``turned`` rad round."""
+    if abs(turned) > 1e-9:
+        cx, cy = ahead / turned * math.sin(turned), ahead / turned * (1.0 - math.cos(turned))
+    else:
+        cx, cy = ahead, 0.0
+    cos, sin = math.cos(turned), math.sin(turned)
+    reach = math.hypot(half_length, half_width) + margin
+    for i in range(points.shape[0]):
+        dx, dy = points[i, 0] - cx, points[i, 1] - cy
+        if dx * dx + dy * dy > reach * reach:
+            continue
+        there = rectangle_distance(
+            cos * dx + sin * dy, cos * dy - sin * dx, half_length, half_width
+        )
+        if there < margin:
+            here = rectangle_distance(points[i, 0], points[i, 1], half_length, half_width)
+            if there < here - 1e-6:
+                return True
+    return False
+
+
+@njit(cache=True)
 def free_fraction(
     points: FloatArray,
     ahead: float,
@@ -49,58 +114,90 @@ def free_fraction(
     half_width: float,
     margin: float,
 ) -> float:
-    """How much of a motion is free, 0 to 1, before the footprint comes within ``margin`` of a point.
+    """How much of a motion, 0 to 1, is free before the footprint is within ``margin`` of a point.
 
     points: (n, 2) in base_link now. The motion is an arc, ``ahead`` m long and ``turned`` rad
     round. A point that is within the margin already hinders only what brings it nearer.
     """
     steps = math.ceil(max(abs(ahead) / _STEP_M, abs(turned) / _STEP_RAD))
-    reach = math.hypot(half_length, half_width) + margin + abs(ahead)
     for step in range(1, steps + 1):
         f = step / steps
-        yaw = f * turned
-        if abs(turned) > 1e-9:
-            cx, cy = ahead / turned * math.sin(yaw), ahead / turned * (1.0 - math.cos(yaw))
-        else:
-            cx, cy = f * ahead, 0.0
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        for i in range(points.shape[0]):
-            px, py = points[i, 0], points[i, 1]
-            if px * px + py * py > reach * reach:
-                continue
-            dx, dy = px - cx, py - cy
-            there = rectangle_distance(
-                cos * dx + sin * dy, cos * dy - sin * dx, half_length, half_width
-            )
-            if there < margin and there < rectangle_distance(px, py, half_length, half_width) - 1e-6:
-                return (step - 1) / steps
+        if _hindered(points, f * ahead, f * turned, half_length, half_width, margin):
+            low, high = (step - 1) / steps, f
+            for _ in range(_HALVINGS):
+                f = 0.5 * (low + high)
+                if _hindered(points, f * ahead, f * turned, half_length, half_width, margin):
+                    high = f
+                else:
+                    low = f
+            return low
     return 1.0
 
 
+@njit(cache=True)
+def allowed_part(
+    points: FloatArray,
+    seen_from: FloatArray,
+    pose: FloatArray,
+    speed: float,
+    yaw_rate: float,
+    limits: FloatArray,
+) -> float:
+    """The part, 0 to 1, of a velocity from which the robot can be stopped in time.
+
+    points: (n, 2) in the frame ``seen_from`` (3,); pose: (3,) of base_link now, both in map.
+    limits: (6,) reaction time, s, deceleration, m/s^2, yaw deceleration, rad/s^2, half the
+    footprint's length and width, and the margin, m. A part f of the velocity goes on for the
+    reaction time t and then brakes for f T: it goes f t + f^2 T / 2 of what a second brings.
+    """
+    reaction, brake, yaw_brake, half_length, half_width, margin = limits
+    braking = max(abs(speed) / brake, abs(yaw_rate) / yaw_brake)
+    horizon = reaction + 0.5 * braking
+    near = points_in(pose, seen_from, points)
+    free = horizon * free_fraction(
+        near, speed * horizon, yaw_rate * horizon, half_length, half_width, margin
+    )
+    if free >= horizon:
+        return 1.0
+    part = (math.sqrt(reaction**2 + 2.0 * braking * free) - reaction) / max(braking, 1e-9)
+    return part if part > _LEAST_PART else 0.0
+
+
 class CollisionMonitor:
-    """Scales a body velocity down to what the last scan allows."""
+    """Scales a body velocity down to what the last scans allow."""
 
     def __init__(self, config: TrackerConfig, vehicle: VehicleConfig) -> None:
-        self._config = config
-        self._half = (0.5 * vehicle.length_m, 0.5 * vehicle.width_m)
+        self._limits = np.array(
+            [
+                config.monitor_reaction_s,
+                config.max_decel_mps2,
+                config.max_yaw_accel_radps2,
+                0.5 * vehicle.length_m,
+                0.5 * vehicle.width_m,
+                config.monitor_margin_m,
+            ]
+        )
+        reach = math.hypot(vehicle.length_m, vehicle.width_m) / 2.0 + config.monitor_margin_m
+        stop = config.max_speed_mps * (
+            config.monitor_reaction_s + config.max_speed_mps / config.max_decel_mps2
+        )
+        self._near_m = reach + stop + _BETWEEN_SCANS_M
+        self._scans: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=_SCANS)
         self._points = np.empty((0, 2))
         self._pose = np.zeros(3)
 
     def observe(self, points_m: FloatArray, pose: FloatArray) -> None:
         """Take a scan: points (n, 2) in base_link, seen from ``pose`` (3,) in map."""
-        near = np.abs(points_m).max(axis=1, initial=0.0) < 1.5
-        self._points, self._pose = np.ascontiguousarray(points_m[near]), pose.copy()
+        pose = np.array(pose, np.float64)
+        near = np.hypot(points_m[:, 0], points_m[:, 1]) < self._near_m
+        self._scans.append((np.ascontiguousarray(points_m[near]), pose))
+        merged = np.concatenate([points_in(pose, seen, points) for points, seen in self._scans])
+        order = np.argsort(np.arctan2(merged[:, 1], merged[:, 0]), kind="stable")
+        self._points, self._pose = steadied(merged[order], _WINDOW, _ONE_SURFACE_M), pose
 
     def allow(self, speed: float, yaw_rate: float, pose: FloatArray) -> tuple[float, float]:
         """The part of a velocity (m/s, rad/s) that can be stopped in time at ``pose`` (3,)."""
         if self._points.shape[0] == 0 or (speed == 0.0 and yaw_rate == 0.0):
             return speed, yaw_rate
-        config = self._config
-        braking = abs(speed) / config.max_decel_mps2 + abs(yaw_rate) / config.max_yaw_accel_radps2
-        horizon = config.monitor_reaction_s + 0.5 * braking
-        points = points_in(pose, self._pose, self._points)
-        free = free_fraction(
-            points, speed * horizon, yaw_rate * horizon, *self._half, config.monitor_margin_m
-        )
-        # Distance to stop grows at most with the square of the speed: a free part f allows f.
-        return (speed, yaw_rate) if free >= 1.0 else (speed * free, yaw_rate * free)
+        part = allowed_part(self._points, self._pose, pose, speed, yaw_rate, self._limits)
+        return (speed, yaw_rate) if part >= 1.0 else (speed * part, yaw_rate * part)

@@ -5,8 +5,9 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -37,6 +38,19 @@ from simloop.tracker import Drive, Tracker
 _BLOCKED_SLACK_M = 0.02  # the map's grain: a path is blocked only when it is clearly so
 _HOPELESS_NS = 500_000_000  # between replans for a blockage that the last plan could not avoid
 _MOST_RECOVERIES = 8
+_LONG_WAY_ROUND_M = 0.3  # more than this saved is worth a squeeze
+
+
+def _left_of(plan: Plan, pose: FloatArray) -> float:
+    """Length, m, of what is left of a plan from the waypoint nearest ahead of ``pose`` (3,)."""
+    points = plan.waypoints_m
+    legs = np.diff(points, axis=0)
+    squares = np.maximum((legs**2).sum(axis=1), 1e-12)
+    share = np.clip(((pose[:2] - points[:-1]) * legs).sum(axis=1) / squares, 0.0, 1.0)
+    feet = points[:-1] + share[:, None] * legs
+    k = int(np.argmin(np.hypot(*(feet - pose[:2]).T)))
+    lengths = np.sqrt(squares)
+    return float((1.0 - share[k]) * lengths[k] + lengths[k + 1 :].sum())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,6 +83,10 @@ class Robot:
         self._slam = GridSlam(config.slam, vehicle, base_from_laser)
         self._planner = make_planner(config.planner, vehicle)
         self._smoother = Smoother(config.smoother, vehicle, safe)
+        tight = replace(config.planner, safe_distance_m=safe - config.planner.squeeze_m)
+        self._tight_planner = make_planner(tight, vehicle)
+        self._tight_smoother = Smoother(config.smoother, vehicle, tight.safe_distance_m)
+        self._squeezing = False
         self._tracker = Tracker(
             config.tracker, vehicle, safe, mission.goal, mission.goal_tolerance_m, period
         )
@@ -179,14 +197,7 @@ class Robot:
             view = self._slam.view(estimate.t_ns, self._mission.goal)
             self._unchecked.clear()
         with self._time["planner"]:
-            plan = self._planner.plan(
-                view,
-                estimate.pose,
-                self._mission.goal,
-                self._rng,
-                previous=self._plan,
-                reason=reason,
-            )
+            plan = self._best_plan(view, estimate.pose, reason)
         self._planned_ns = estimate.t_ns
         self._pending = (estimate.t_ns + self._latency_ns(plan), plan, view)
         grid = self._slam
@@ -196,6 +207,21 @@ class Robot:
         )
         if not plan.safe:
             self._say(Event(plan.t_ns, "warning", "no safe path found; going on with the best"))
+
+    def _best_plan(self, view: WorldView, pose: FloatArray, reason: str) -> Plan:
+        """The planner's plan; or, where that goes a long way round, one through a tight gap."""
+        goal, rng, previous = self._mission.goal, self._rng, self._plan
+        plan = self._planner.plan(view, pose, goal, rng, previous=previous, reason=reason)
+        self._squeezing = False
+        if self._config.planner.squeeze_m == 0.0:
+            return plan
+        hoped = math.dist(pose[:2], goal) if previous is None else _left_of(previous, pose)
+        if plan.safe and plan.length_m < hoped + _LONG_WAY_ROUND_M:
+            return plan
+        tight = self._tight_planner.plan(view, pose, goal, rng, previous=previous, reason=reason)
+        shorter = not plan.safe or tight.length_m < plan.length_m - _LONG_WAY_ROUND_M
+        self._squeezing = tight.safe and shorter
+        return tight if self._squeezing else plan
 
     def _latency_ns(self, plan: Plan) -> int:
         """The simulated time that planning takes: given, never measured."""
@@ -210,7 +236,8 @@ class Robot:
         _, plan, view = self._pending
         self._pending, self._plan = None, plan
         with self._time["smoother"]:
-            path = self._smoother.smooth(plan, view, estimate.pose)
+            smoother = self._tight_smoother if self._squeezing else self._smoother
+            path = smoother.smooth(plan, view, estimate.pose)
         self._tracker.follow(path, float(estimate.state[GAUGE]))
         self._say(path)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -11,7 +12,10 @@ from hypothesis import strategies as st
 
 from simloop.bezier import C4, Smoother, corner_controls, cubic_sample
 from simloop.config import SmootherConfig, VehicleConfig
+from simloop.distance_field import field_of
+from simloop.elastic import leg_cost, make_room
 from simloop.messages import Plan, WorldView
+from simloop.se2 import wrap_angle
 
 VEHICLE, SAFE = VehicleConfig(), 0.26
 
@@ -114,7 +118,44 @@ def test_corners_are_cut_less_beside_an_obstacle_and_clearance_is_kept():
 def test_a_lead_in_that_would_come_too_near_is_not_taken():
     wall = view_of([(0.2, 0.3, 0.05)])
     path = smooth([(0, 0), (2, 0)], (0, 0, 0.9), wall)
-    assert path.yaw_rad[0] == pytest.approx(0.0, abs=1e-9)
+    assert smooth([(0, 0), (2, 0)], (0, 0, 0.9)).yaw_rad[0] == pytest.approx(0.9, abs=1e-6)
+    assert path.yaw_rad[0] < 0.1
+    assert path.clearance_m.min() >= 0.24  # what the plan's own start has
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=40, deadline=None)
+def test_the_band_never_costs_more_and_keeps_the_clearance_that_the_plan_has(seed):
+    rng = np.random.default_rng(seed)
+    view = view_of([(*rng.uniform(-2.0, 2.0, 2), rng.uniform(0.1, 0.3)) for _ in range(6)])
+    points = np.vstack([(-2.5, -2.5), rng.uniform(-2.0, 2.0, (2, 2)), (2.5, 2.5)])
+    field, offsets = field_of(view), np.array(VEHICLE.footprint_offsets_m)
+    band = make_room(points, field, offsets, SAFE, SAFE + 0.04)
+
+    def cost(line):
+        legs = [leg_cost(a, b, field, offsets, SAFE, SAFE + 0.04) for a, b in pairwise(line)]
+        headings = [math.atan2(*(b - a)[::-1]) for a, b in pairwise(line)]
+        turns = sum(abs(wrap_angle(b - a)) for a, b in pairwise(headings))
+        return sum(legs) + 0.54 * turns
+
+    np.testing.assert_array_equal(band[[0, -1]], points[[0, -1]])
+    # Points put in beside obstacles change where a leg is looked at, hence the slack.
+    assert cost(band) <= 1.03 * cost(points) + 0.05
+
+
+def test_it_keeps_more_than_the_safe_distance_where_there_is_room():
+    beside = view_of([(0.0, SAFE + 0.2, 0.2)])
+    path = smooth([(-2, 0), (2, 0)], (-2, 0, 0.0), beside)
+    assert path.clearance_m.min() > SAFE + 0.025
+    assert path.arc_m[-1] < 4.01
+
+
+def test_in_a_gap_it_goes_through_the_middle():
+    gap = view_of([(0.0, SAFE + 0.20, 0.2), (0.0, -SAFE - 0.23, 0.2)])
+    path = smooth([(-2, 0), (2, 0)], (-2, 0, 0.0), gap)
+    middle = path.xy_m[int(np.argmin(np.abs(path.xy_m[:, 0]))), 1]
+    assert path.safe
+    assert middle == pytest.approx(-0.015, abs=0.012)
 
 
 def test_an_unsafe_plan_makes_an_unsafe_path():

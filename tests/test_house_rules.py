@@ -21,6 +21,7 @@ ROBOT = [
     "slam_grid",
     "tlbo_planner",
     "bezier",
+    "elastic",
     "tracker",
     "monitor",
     "recovery",

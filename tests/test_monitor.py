@@ -8,9 +8,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from vehicles import plant_on_plane
 
-from simloop.config import TrackerConfig, VehicleConfig
-from simloop.monitor import CollisionMonitor, free_fraction, points_in, rectangle_distance
+from simloop.config import EncoderConfig, MotorConfig, TrackerConfig, VehicleConfig
+from simloop.ekf import GAUGE
+from simloop.footprint import outline_corners
+from simloop.messages import Estimate
+from simloop.monitor import CollisionMonitor, free_fraction, points_in, rectangle_distance, steadied
+from simloop.sensors import Encoders
+from simloop.tracker import Drive
 
 HALF_LENGTH, HALF_WIDTH = 0.245, 0.2325
 ORIGIN = np.zeros(3)
@@ -98,3 +104,60 @@ def test_an_arc_sweeps_the_rectangle_along_it():
     curved = free_fraction(corner, 0.6, 1.5, HALF_LENGTH, HALF_WIDTH, 0.01)
     assert straight == 1.0
     assert 0.0 < curved < 1.0
+
+
+def test_noise_beside_a_wall_does_not_stop_a_robot_that_can_pass_it():
+    rng = np.random.default_rng(0)
+    held = 0
+    for _ in range(50):
+        monitor = CollisionMonitor(TrackerConfig(), VehicleConfig())
+        for _ in range(3):
+            bearing = np.radians(np.arange(20.0, 160.0))
+            ranges = (HALF_WIDTH + 0.0275) / np.sin(bearing) + rng.normal(0.0, 0.01, 140)
+            rays = np.column_stack((np.cos(bearing), np.sin(bearing)))
+            monitor.observe(ranges[:, None] * rays, ORIGIN)
+        held += monitor.allow(0.45, 0.0, ORIGIN)[0] < 0.45
+    assert held <= 2
+
+
+def test_steadied_points_stay_on_their_surface_and_lone_ones_stay_put():
+    bearing = np.linspace(-1.0, 1.0, 81)
+    wall = np.column_stack((np.full(81, 0.4), 0.4 * np.tan(bearing)))
+    np.testing.assert_allclose(steadied(wall, 4, 0.05)[:, 0], 0.4, atol=1e-12)
+    post = wall.copy()
+    post[40] = (0.2, 0.0)
+    np.testing.assert_array_equal(steadied(post, 4, 0.05)[40], post[40])
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.5, -0.9])
+def test_a_wall_put_in_front_at_full_speed_is_not_touched(angle):
+    """From full speed in the plant, noisy scans each 0.1 s, no plan that knows of the wall."""
+    plant, config = plant_on_plane(), TrackerConfig()
+    truth, rng = plant.reset(np.zeros(3)), np.random.default_rng(1)
+    monitor = CollisionMonitor(config, VehicleConfig())
+    drive = Drive(config, MotorConfig(), EncoderConfig(), VehicleConfig(), 0.01)
+    encoders, along = Encoders(EncoderConfig()), np.linspace(-1.5, 1.5, 400)
+    normal = np.array([np.cos(angle), np.sin(angle)])
+    tangent = np.array([-np.sin(angle), np.cos(angle)])
+    fastest, command = 0.0, (0.0, 0.0)
+    for tick in range(500):
+        pose = truth.pose_xyyaw
+        if tick % 10 == 0 and tick >= 150:  # the wall appears 0.75 m before the robot
+            if tick == 150:
+                wall = pose[:2] + 0.75 * normal + along[:, None] * tangent
+            cos, sin = np.cos(pose[2]), np.sin(pose[2])
+            seen = (wall - pose[:2]) @ np.array([[cos, -sin], [sin, cos]])
+            monitor.observe(seen + rng.normal(0.0, 0.007, seen.shape), pose)
+        asked = min(command[0] + 0.008, config.max_speed_mps)
+        command = monitor.allow(asked, 0.0, pose)
+        state = np.zeros(7)
+        state[GAUGE] = 1.23
+        estimate = Estimate(truth.t_ns, state, np.eye(7))
+        sent = drive.command((*command, "test"), estimate, encoders.read(truth))
+        truth = plant.step(sent.voltage_v)
+        fastest = max(fastest, truth.velocity_body[0])
+    corners = outline_corners(truth.pose_xyyaw[None], VehicleConfig())[0]
+    gap = ((wall[0] - corners) @ normal).min()
+    assert fastest > 0.95 * config.max_speed_mps
+    assert abs(truth.velocity_body[0]) < 0.01
+    assert 0.0 < gap < 0.06
