@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray, Plan, WorldView
-from simloop.planners.bends import copy_path, pad_points, split_bends
+from simloop.planners.bends import MAX_POINTS, copy_path, pad_points, split_bends, tighten
 from simloop.planners.objective import (
     Problem,
     evaluate,
@@ -27,7 +27,7 @@ from simloop.planners.objective import (
     make_problem,
     make_stack,
 )
-from simloop.planners.routes import MAX_POINTS, find_routes, tighten
+from simloop.planners.routes import find_routes
 from simloop.planners.splitmix import State, make_state
 from simloop.planners.tlbo import draw_class, draw_near, tlbo
 

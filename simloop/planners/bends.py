@@ -8,8 +8,21 @@ import numpy as np
 from numba import njit
 
 from simloop.messages import FloatArray
-from simloop.planners.objective import Problem
-from simloop.planners.routes import MAX_POINTS, is_clear
+from simloop.planners.objective import Problem, evaluate, segment_clearance
+
+MAX_POINTS = 40
+"""Most waypoints of any polyline here, both ends included."""
+_MOST_MERGED_RAD = 1.8
+
+
+@njit(cache=True)
+def is_clear(p: Problem, a: FloatArray, b: FloatArray, stack: FloatArray) -> bool:
+    """Whether the straight segment from a to b keeps the clearance asked for.
+
+    Half a tolerance stricter than the objective, so that a part of a clear segment is safe.
+    """
+    need = p.safe_m - 0.5 * p.tolerance_m
+    return segment_clearance(p, a[0], a[1], b[0], b[1], need, need, stack) >= need
 
 
 @njit(cache=True)
@@ -44,6 +57,147 @@ def pad_points(path: FloatArray, m: int, wanted: int) -> int:
         y = 0.5 * (path[at, 1] + path[at - 1, 1])
         m = insert_point(path, m, at, x, y)
     return m
+
+
+@njit(cache=True)
+def pull_taut(p: Problem, chain: FloatArray, n: int, route: FloatArray, stack: FloatArray) -> int:
+    """Keep of chain[:n] what a string would touch: each point sees the next. Count kept.
+
+    The farthest point in sight is found by doubling, then halving.
+    """
+    route[0] = chain[0]
+    m, here = 1, 0
+    while here < n - 1:
+        step, seen, blocked = 1, here + 1, n
+        while here + step < n:
+            step *= 2
+            j = min(here + step, n - 1)
+            if not is_clear(p, chain[here], chain[j], stack):
+                blocked = j
+                break
+            seen = j
+            if j == n - 1:
+                break
+        while blocked - seen > 1 and seen < n - 1:
+            j = (seen + blocked) // 2
+            if is_clear(p, chain[here], chain[j], stack):
+                seen = j
+            else:
+                blocked = j
+        here = n - 1 if m == MAX_POINTS - 1 else seen
+        route[m] = chain[here]
+        m += 1
+    return m
+
+
+@njit(cache=True)
+def drop_point(path: FloatArray, m: int, at: int) -> int:
+    """Take point ``at`` out; the new count."""
+    for k in range(at, m - 1):
+        path[k, 0] = path[k + 1, 0]
+        path[k, 1] = path[k + 1, 1]
+    return m - 1
+
+
+@njit(cache=True)
+def _slide(p: Problem, here: FloatArray, to: FloatArray, other: FloatArray, stack: FloatArray) -> None:
+    """Move ``here`` towards ``to`` as far as the segment from it to ``other`` stays clear."""
+    x, y = here[0], here[1]
+    low, high = 0.0, 1.0
+    for _ in range(9):
+        t = 0.5 * (low + high)
+        here[0] = x + t * (to[0] - x)
+        here[1] = y + t * (to[1] - y)
+        if is_clear(p, here, other, stack):
+            low = t
+        else:
+            high = t
+    here[0] = x + low * (to[0] - x)
+    here[1] = y + low * (to[1] - y)
+
+
+@njit(cache=True)
+def merge_bends(p: Problem, path: FloatArray, m: int, stack: FloatArray) -> int:
+    """Where two bends follow each other to the same side, let their outer lines meet instead.
+
+    The inverse of `split_bends`: fewer points, the same tangents. New count.
+    """
+    meet = np.empty(2)
+    i = 1
+    while i < m - 2:
+        a, b, c, d = path[i - 1], path[i], path[i + 1], path[i + 2]
+        ux, uy = b[0] - a[0], b[1] - a[1]
+        vx, vy = c[0] - b[0], c[1] - b[1]
+        wx, wy = d[0] - c[0], d[1] - c[1]
+        first = math.atan2(ux * vy - uy * vx, ux * vx + uy * vy)
+        second = math.atan2(vx * wy - vy * wx, vx * wx + vy * wy)
+        cross = ux * wy - uy * wx
+        if first * second > 0.0 and abs(first + second) < _MOST_MERGED_RAD and cross != 0.0:
+            t = (vx * wy - vy * wx) / cross
+            meet[0] = b[0] + t * ux
+            meet[1] = b[1] + t * uy
+            inside = p.low_x <= meet[0] <= p.high_x and p.low_y <= meet[1] <= p.high_y
+            if inside and is_clear(p, a, meet, stack) and is_clear(p, meet, d, stack):
+                path[i, 0], path[i, 1] = meet[0], meet[1]
+                m = drop_point(path, m, i + 1)
+                continue
+        i += 1
+    return m
+
+
+@njit(cache=True)
+def tighten(p: Problem, path: FloatArray, m: int, stack: FloatArray) -> int:
+    """One sweep that pulls the polyline taut with as few points as it needs. New count.
+
+    A point that its neighbours do not need goes; each other slides along its two segments until
+    both touch something. Only clear moves are made, each of which shortens the path.
+    """
+    m = merge_bends(p, path, m, stack)
+    i = 1
+    while i < m - 1:
+        if is_clear(p, path[i - 1], path[i + 1], stack):
+            m = drop_point(path, m, i)
+            continue
+        _slide(p, path[i], path[i - 1], path[i + 1], stack)
+        _slide(p, path[i], path[i + 1], path[i - 1], stack)
+        i += 1
+    return m
+
+
+@njit(cache=True)
+def refine(
+    p: Problem, path: FloatArray, m: int, splits: int, least_turn: float, stack: FloatArray
+) -> int:
+    """`split_bends`, ``splits`` times. New count."""
+    for _ in range(splits):
+        m = split_bends(p, path, m, least_turn, stack)
+    return m
+
+
+@njit(cache=True)
+def settle(
+    p: Problem, path: FloatArray, m: int, sweeps: int, scratch: FloatArray, stack: FloatArray
+) -> tuple[int, float]:
+    """`tighten` as long as that brings down the cost of the path with its bends split.
+
+    A shorter path may turn more, or slip past an obstacle to a dearer side. scratch: (2,
+    MAX_POINTS, 2). Returns the new count and that cost.
+    """
+    best, best_m = np.inf, m
+    copy_path(path, m, scratch[0])
+    for _ in range(sweeps):
+        m = tighten(p, scratch[0], m, stack)
+        copy_path(scratch[0], m, scratch[1])
+        split = refine(p, scratch[1], m, 2, 0.1, stack)
+        cost = evaluate(p, scratch[1], split, np.inf, stack)
+        if cost >= best:
+            break
+        gain = best - cost
+        best, best_m = cost, m
+        copy_path(scratch[0], m, path)
+        if gain < 1e-3 * cost:
+            break
+    return best_m, best
 
 
 @njit(cache=True)

@@ -24,15 +24,15 @@ from simloop.messages import FloatArray, WorldView
 
 FREE_M = 1e3
 """Clearance reported where the world holds nothing, m."""
-FIELD_TOLERANCE_M = 4e-4
-"""How far short of safe a field's lower bound may fall and still be accepted, m."""
+TOLERANCE_M = 1e-6
+"""What rounding may take from a clearance that counts as safe, m."""
 SAFE_WITHIN_M = 1e-3
 """A plan called safe keeps the safe distance to this, m."""
 LEAST_INTRUSION_M = 0.01
 """What the slightest lack of clearance counts on top of its depth, m: safe beats nearly safe."""
 START_GROWTH = 0.5
 """By how much the clearance asked for grows for each metre away from a start too close, m/m."""
-_SHORTEST_M = 0.02
+_WALK_CELLS = 3.0
 _NO_LENGTH_M = 1e-9
 _STACK = 64
 
@@ -64,6 +64,7 @@ class Problem(NamedTuple):
     start_slack: float
     safe_m: float
     tolerance_m: float
+    overstated_m: float
     overhang_m: float
     length_weight: float
     turning_weight: float
@@ -94,11 +95,10 @@ def make_problem(
     discs = np.asarray(world.discs_xyr_m, dtype=np.float64).reshape(-1, 3)
     columns = (empty, empty, empty) if field.size else tuple(np.ascontiguousarray(c) for c in discs.T)
     resolution = world.resolution_m if field.size else 1.0
-    tolerance = 1e-9
+    overstated = 0.0
     if field.size:
         # Bilinear interpolation overstates the distance to a corner by up to h^2 / (8 d).
-        tolerance = FIELD_TOLERANCE_M
-        overstated = resolution**2 / (8.0 * safe_m) + tolerance
+        overstated = resolution**2 / (8.0 * safe_m)
         safe_m += max(0.0, overstated - 0.9 * SAFE_WITHIN_M)
     bounds = [float(b) for b in world.bounds_m]
     problem = Problem(
@@ -118,7 +118,8 @@ def make_problem(
         goal_y=float(goal[1]),
         start_slack=0.0,
         safe_m=float(safe_m),
-        tolerance_m=tolerance,
+        tolerance_m=TOLERANCE_M,
+        overstated_m=overstated,
         overhang_m=float(overhang_m),
         length_weight=float(length_weight),
         turning_weight=float(turning_weight),
@@ -194,14 +195,81 @@ def _lens(a: float, b: float, s: float) -> float:
     return math.sqrt(max(0.0, a * a - h * h))
 
 
-@njit(cache=True, forceinline=True)
-def _field_clearance(
-    p: Problem, ax: float, ay: float, bx: float, by: float, floor: float, stack: FloatArray
+@njit(cache=True)
+def _walk_cells(
+    p: Problem, ax: float, ay: float, ux: float, uy: float, first: float, last: float
 ) -> float:
-    """Clearance of a segment in the field, exact to tolerance_m where below safe_m.
+    """Exact minimum of the interpolated field (plus allowance) on a + u t, t in [first, last].
 
-    Bisects until `_lens` proves each piece safe or the piece is `_SHORTEST_M` long. Returns as
-    soon as something below ``floor`` is found. A safe segment may report any value above safe_m.
+    Within a cell the bilinear field is a parabola in t; the walk goes from cell to cell.
+    """
+    rows, cols = p.field.shape
+    worst = FREE_M
+    du = ux * p.per_m
+    dv = uy * p.per_m
+    t = first
+    allowed = _allowance(p, ax + ux * t, ay + uy * t)
+    while True:
+        u = (ax + ux * t - p.field_x) * p.per_m
+        v = (ay + uy * t - p.field_y) * p.per_m
+        i, u_step, u_exit = _cell(u, du, cols)
+        j, v_step, v_exit = _cell(v, dv, rows)
+        step = min(last - t, u_exit, v_exit)
+        i1 = min(i + 1, cols - 1)
+        j1 = min(j + 1, rows - 1)
+        a = min(max(u - i, 0.0), 1.0)
+        b = min(max(v - j, 0.0), 1.0)
+        corner = p.field[j, i]
+        along_u = p.field[j, i1] - corner
+        along_v = p.field[j1, i] - corner
+        twist = p.field[j1, i1] - corner - along_u - along_v
+        c0 = corner + along_u * a + along_v * b + twist * a * b
+        c1 = along_u * u_step + along_v * v_step + twist * (a * v_step + b * u_step)
+        c2 = twist * u_step * v_step
+        low = min(c0, c0 + step * (c1 + step * c2))
+        if c2 > 0.0 and 0.0 < -c1 < 2.0 * c2 * step:
+            low = c0 - 0.25 * c1 * c1 / c2
+        t += step
+        allowed_next = _allowance(p, ax + ux * t, ay + uy * t)
+        worst = min(worst, low + min(allowed, allowed_next))
+        allowed = allowed_next
+        if t >= last - _NO_LENGTH_M:
+            return worst
+
+
+@njit(cache=True, forceinline=True)
+def _cell(u: float, du: float, count: int) -> tuple[int, float, float]:
+    """Index of the cell at u that a step of sign du enters, du as the field sees it (0 outside
+    the grid, where the field is constant), and how far it is to the cell's edge."""
+    edge = 1e-12 if du > 0.0 else -1e-12
+    at = u + edge
+    if at < 0.0:
+        return 0, 0.0, (-u / du if du > 0.0 else FREE_M)
+    if at >= count - 1.0:
+        return max(count - 2, 0), 0.0, ((count - 1.0 - u) / du if du < 0.0 else FREE_M)
+    i = int(at)
+    if du > 0.0:
+        return i, du, (i + 1.0 - u) / du
+    if du < 0.0:
+        return i, du, (i - u) / du
+    return i, 0.0, FREE_M
+
+
+@njit(cache=True)
+def _field_clearance(
+    p: Problem,
+    ax: float,
+    ay: float,
+    bx: float,
+    by: float,
+    need: float,
+    floor: float,
+    stack: FloatArray,
+) -> float:
+    """Clearance of a segment in the field where it falls below ``need``; else a value above.
+
+    Bisects until `_lens` proves each piece clear or the piece is so short that `_walk_cells`
+    settles it. Returns as soon as something below ``floor`` is found.
     """
     length = math.hypot(bx - ax, by - ay)
     fa = _sample_field(p, ax, ay)
@@ -213,14 +281,15 @@ def _field_clearance(
         return worst
     ux = (bx - ax) / length
     uy = (by - ay) / length
+    shortest = _WALK_CELLS / p.per_m
     t = 0.0
     top = 0
     end = length
     while True:
-        bound = _lens(fa, fb, end - t) + min(ga, gb)
-        if bound >= p.safe_m - p.tolerance_m or end - t <= _SHORTEST_M or top == _STACK - 1:
-            if bound < p.safe_m - p.tolerance_m:
-                worst = min(worst, bound)
+        bound = _lens(fa - p.overstated_m, fb - p.overstated_m, end - t) + min(ga, gb)
+        if bound >= need or end - t <= shortest or top == _STACK - 1:
+            if bound < need:
+                worst = min(worst, _walk_cells(p, ax, ay, ux, uy, t, end))
             if top == 0 or worst < floor:
                 return worst
             top -= 1
@@ -297,11 +366,18 @@ def _disc_clearance_near_start(
 
 @njit(cache=True, forceinline=True)
 def segment_clearance(
-    p: Problem, ax: float, ay: float, bx: float, by: float, floor: float, stack: FloatArray
+    p: Problem,
+    ax: float,
+    ay: float,
+    bx: float,
+    by: float,
+    need: float,
+    floor: float,
+    stack: FloatArray,
 ) -> float:
     """Clearance of a segment as the objective sees it: overhang and start allowance included.
 
-    Any value >= safe_m - tolerance_m means safe. ``floor``: see `_field_clearance`.
+    Any value >= ``need`` (about safe_m) means safe. ``floor``: see `_field_clearance`.
     """
     if p.overhang_m > 0.0:
         length = math.hypot(bx - ax, by - ay)
@@ -314,7 +390,7 @@ def segment_clearance(
             bx += ex
             by += ey
     if p.field.size > 0:
-        return _field_clearance(p, ax, ay, bx, by, floor, stack)
+        return _field_clearance(p, ax, ay, bx, by, need, floor, stack)
     if p.start_slack > 0.0:
         return _disc_clearance_near_start(p, ax, ay, bx, by)
     return _disc_clearance(p, ax, ay, bx, by)
@@ -357,12 +433,13 @@ def start_turn(p: Problem, path: FloatArray, m: int) -> float:
 def intrusion(p: Problem, path: FloatArray, m: int, enough: float, stack: FloatArray) -> float:
     """sum R: each segment's lack of clearance, where it lacks any, m; stops adding once it exceeds ``enough``."""
     total = 0.0
+    need = p.safe_m - p.tolerance_m
     for i in range(m - 1):
-        floor = min(p.safe_m + LEAST_INTRUSION_M - (enough - total), p.safe_m - p.tolerance_m)
+        floor = min(p.safe_m + LEAST_INTRUSION_M - (enough - total), need)
         clear = segment_clearance(
-            p, path[i, 0], path[i, 1], path[i + 1, 0], path[i + 1, 1], floor, stack
+            p, path[i, 0], path[i, 1], path[i + 1, 0], path[i + 1, 1], need, floor, stack
         )
-        if clear < p.safe_m - p.tolerance_m:
+        if clear < need:
             total += p.safe_m - clear + LEAST_INTRUSION_M
             if total > enough:
                 return total

@@ -15,10 +15,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from simloop.messages import FloatArray
-from simloop.planners.objective import Problem, evaluate, relaxed_clearance, segment_clearance
+from simloop.planners.bends import MAX_POINTS, pull_taut, settle
+from simloop.planners.objective import Problem, relaxed_clearance
 
-MAX_POINTS = 40
-"""Most waypoints of any polyline here, both ends included."""
 _STRAIGHT, _DIAGONAL = 10, 14  # integer lengths let the wave run on buckets, without a heap
 _NEARLY, _BLOCKED = 4, 100
 _FAR = np.int32(2**30)
@@ -221,81 +220,6 @@ def _shortest_classes(
 
 
 @njit(cache=True)
-def is_clear(p: Problem, a: FloatArray, b: FloatArray, stack: FloatArray) -> bool:
-    """Whether the straight segment from a to b keeps the clearance asked for."""
-    clear = segment_clearance(p, a[0], a[1], b[0], b[1], p.safe_m - p.tolerance_m, stack)
-    return clear >= p.safe_m - p.tolerance_m
-
-
-@njit(cache=True)
-def pull_taut(p: Problem, chain: FloatArray, n: int, route: FloatArray, stack: FloatArray) -> int:
-    """Keep of chain[:n] what a string would touch: each point sees the next. Count kept.
-
-    The farthest point in sight is found by doubling, then halving.
-    """
-    route[0] = chain[0]
-    m, here = 1, 0
-    while here < n - 1:
-        step, seen, blocked = 1, here + 1, n
-        while here + step < n:
-            step *= 2
-            j = min(here + step, n - 1)
-            if not is_clear(p, chain[here], chain[j], stack):
-                blocked = j
-                break
-            seen = j
-            if j == n - 1:
-                break
-        while blocked - seen > 1 and seen < n - 1:
-            j = (seen + blocked) // 2
-            if is_clear(p, chain[here], chain[j], stack):
-                seen = j
-            else:
-                blocked = j
-        here = n - 1 if m == MAX_POINTS - 1 else seen
-        route[m] = chain[here]
-        m += 1
-    return m
-
-
-@njit(cache=True)
-def tighten(p: Problem, path: FloatArray, m: int, sweeps: int, stack: FloatArray) -> int:
-    """Drop points that are not needed and draw the others to their neighbours' chord. New m."""
-    for _ in range(sweeps):
-        i = 1
-        while i < m - 1:
-            before, here, after = path[i - 1], path[i], path[i + 1]
-            if is_clear(p, before, after, stack):
-                for k in range(i, m - 1):
-                    path[k] = path[k + 1]
-                m -= 1
-                continue
-            cx = after[0] - before[0]
-            cy = after[1] - before[1]
-            square = cx * cx + cy * cy
-            t = 0.5
-            if square > 0.0:
-                t = ((here[0] - before[0]) * cx + (here[1] - before[1]) * cy) / square
-                t = min(max(t, 0.1), 0.9)
-            foot_x = before[0] + t * cx
-            foot_y = before[1] + t * cy
-            old_x, old_y = here[0], here[1]
-            low, high = 0.0, 1.0
-            for _ in range(7):
-                mid = 0.5 * (low + high)
-                here[0] = old_x + mid * (foot_x - old_x)
-                here[1] = old_y + mid * (foot_y - old_y)
-                if is_clear(p, before, here, stack) and is_clear(p, here, after, stack):
-                    low = mid
-                else:
-                    high = mid
-            here[0] = old_x + low * (foot_x - old_x)
-            here[1] = old_y + low * (foot_y - old_y)
-            i += 1
-    return m
-
-
-@njit(cache=True)
 def _chain(
     lattice: Lattice, p: Problem, via: int, from_start: IntArray, to_goal: IntArray, out: FloatArray
 ) -> int:
@@ -334,7 +258,10 @@ def find_routes(
     costs: FloatArray,
     stack: FloatArray,
 ) -> int:
-    """Fill routes (K, MAX_POINTS, 2), counts (K,), costs (K,), the cheapest J first. How many."""
+    """Fill routes (K, MAX_POINTS, 2), counts (K,), costs (K,), the cheapest first. How many.
+
+    The cost is J of the route with its bends split, see `settle`.
+    """
     lattice = make_lattice(p, most_nodes)
     ny, nx = lattice.weight.shape
     code = _ray_codes(lattice)
@@ -350,11 +277,11 @@ def find_routes(
     behind, from_start, code_behind, _ = _wave(lattice, code, ends[0], ends[1], ahead, far)
     vias = _shortest_classes(ahead, behind, code_ahead, code_behind, far, counts.size)
     chain = np.empty((2 * nx * ny + 2, 2))
+    scratch = np.empty((2, MAX_POINTS, 2))
     for k in range(vias.size):
         n = _chain(lattice, p, vias[k], from_start, to_goal, chain)
         m = pull_taut(p, chain, n, routes[k], stack)
-        counts[k] = tighten(p, routes[k], m, sweeps, stack)
-        costs[k] = evaluate(p, routes[k], counts[k], np.inf, stack)
+        counts[k], costs[k] = settle(p, routes[k], m, sweeps, scratch, stack)
     _sort_routes(routes, counts, costs, vias.size)
     return vias.size
 
