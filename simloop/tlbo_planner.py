@@ -2,14 +2,16 @@
 
 Source: Sabiha 2022 (online TLBO), Sections 3-4. One call goes from coarse to fine:
 
-    routes of different homotopy -> a coarse class -> TLBO -> drop points that are not needed
-    -> split the bends -> a fine class about the winner -> TLBO
+    routes of different homotopy, and the best mixture of them -> taut, their bends split
+    -> a class about each that may yet win -> TLBO -> the best learner of all
 
-A previous plan, cut to what lies ahead, skips the first two steps as long as it is safe.
+What lies ahead of the previous plan competes as one more route, with a small bonus: a frame
+keeps its way unless that is blocked or a clearly better one has opened.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +20,8 @@ from numpy.typing import NDArray
 
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray, Plan, WorldView
-from simloop.planners.bends import MAX_POINTS, copy_path, pad_points, split_bends, tighten
+from simloop.planners.bends import MAX_POINTS, copy_path, refine, settle, without_twins
+from simloop.planners.lines import Lines, decode, encode, make_lines, nearby
 from simloop.planners.objective import (
     Problem,
     evaluate,
@@ -27,25 +30,31 @@ from simloop.planners.objective import (
     make_problem,
     make_stack,
 )
-from simloop.planners.routes import find_routes
+from simloop.planners.recombine import recombine
+from simloop.planners.routes import find_routes, sort_routes
 from simloop.planners.splitmix import State, make_state
-from simloop.planners.tlbo import draw_class, draw_near, tlbo
+from simloop.planners.tlbo import Class, make_class, tlbo
 
-_ROUTES = 8
+_SWEEPS = 4
 _SHOWN = 12
+_LOYALTY = 0.98
+"""Below this share of the old way's cost a new one is taken."""
 
 
 class Tuning(NamedTuple):
-    """How much work each step does: one set for a frame, one for ``precise``."""
+    """How much work each step does: one set for a frame, one for ``precise``.
 
-    learners: int
+    idle, tolerance, budget: see `tlbo`. nodes: of the route search's lattice. rivals: how many
+    routes at most get a class; rival_margin: how much dearer than the best they may be. splits,
+    least_turn: see `refine`.
+    """
+
     idle: int
+    tolerance: float
     budget: int
     nodes: int
-    coarse_idle: int
-    coarse_tolerance: float
-    fine_idle: int
-    fine_tolerance: float
+    rivals: int
+    rival_margin: float
     splits: int
     least_turn: float
 
@@ -53,89 +62,97 @@ class Tuning(NamedTuple):
 class Buffers(NamedTuple):
     """Scratch that a planner owns: nothing in it outlives a call."""
 
-    path: FloatArray
-    cost: FloatArray
-    mean: FloatArray
-    candidate: FloatArray
+    learners: Class
+    lines: Lines
     stack: FloatArray
     routes: FloatArray
     counts: NDArray[np.int32]
     costs: FloatArray
+    scratch: FloatArray
     best: FloatArray
+    shown: FloatArray
     state: State
 
 
-def make_buffers(learners: int) -> Buffers:
-    """Buffers for a class of ``learners``."""
+def make_buffers(learners: int, routes: int) -> Buffers:
+    """Buffers for a class of ``learners`` and for ``routes`` found, one mixed and one old route."""
+    stack = make_stack()
     return Buffers(
-        path=np.zeros((learners, MAX_POINTS, 2)),
-        cost=np.zeros(learners),
-        mean=np.zeros((MAX_POINTS, 2)),
-        candidate=np.zeros((MAX_POINTS, 2)),
-        stack=make_stack(),
-        routes=np.zeros((_ROUTES, MAX_POINTS, 2)),
-        counts=np.zeros(_ROUTES, dtype=np.int32),
-        costs=np.zeros(_ROUTES),
+        learners=make_class(learners, stack),
+        lines=make_lines(),
+        stack=stack,
+        routes=np.zeros((routes + 2, MAX_POINTS, 2)),
+        counts=np.zeros(routes + 2, dtype=np.int32),
+        costs=np.zeros(routes + 2),
+        scratch=np.zeros((2, MAX_POINTS, 2)),
         best=np.zeros((MAX_POINTS, 2)),
+        shown=np.zeros((_SHOWN, MAX_POINTS, 2)),
         state=np.zeros(1, dtype=np.uint64),
     )
 
 
 @njit(cache=True)
-def _coarse(p: Problem, tune: Tuning, b: Buffers) -> tuple[int, int, int]:
-    """Routes and the straight line make the first class; the winner goes to b.best. Returns its
-    count of points, generations and evaluations."""
-    found = find_routes(p, tune.nodes, 4, b.routes, b.counts, b.costs, b.stack)
-    kept = 1
-    while kept < found and b.costs[kept] < 1.15 * b.costs[0]:
-        kept += 1
-    m = 4
-    for k in range(kept):
-        m = max(m, b.counts[k])
-    chord = np.hypot(p.goal_x - p.start_x, p.goal_y - p.start_y)
-    line = b.candidate
-    line[0, 0], line[0, 1] = p.start_x, p.start_y
-    line[1, 0], line[1, 1] = p.goal_x, p.goal_y
-    pad_points(line, 2, m)
-    share = tune.learners // (kept + 1)
-    draw_class(p, line, 0, share, m, 0.2 * chord, b.state, b.path)
-    for k in range(kept):
-        pad_points(b.routes[k], b.counts[k], m)
-        last = tune.learners if k == kept - 1 else (k + 2) * share
-        draw_class(p, b.routes[k], (k + 1) * share, last, m, 0.05 * chord, b.state, b.path)
-    k, generations, evaluations = tlbo(
-        p, b.path, b.cost, tune.learners, m, tune.coarse_idle, tune.coarse_tolerance,
-        0.1 * chord, tune.budget, b.state, b.mean, b.candidate, b.stack,
-    )
-    copy_path(b.path[k], m, b.best)
-    return m, generations, evaluations
+def _gather(p: Problem, tune: Tuning, warm: int, b: Buffers) -> int:
+    """Fill b.routes, cheapest first, with all that may be worth a class; how many.
 
-
-@njit(cache=True)
-def _fine(p: Problem, tune: Tuning, m: int, budget: int, b: Buffers) -> tuple[int, int, int]:
-    """Split the bends of b.best[:m] and let a class about it learn. As `_coarse`."""
-    m = tighten(p, b.best, m, 2, b.stack)
-    generations, evaluations = 0, 0
-    for _ in range(tune.splits):
-        m = split_bends(p, b.best, m, tune.least_turn, b.stack)
-    draw_near(b.best, m, tune.learners, 0.03, b.state, b.path)
-    k, g, e = tlbo(
-        p, b.path, b.cost, tune.learners, m, tune.fine_idle, tune.fine_tolerance,
-        0.01, budget, b.state, b.mean, b.candidate, b.stack,
+    warm: how many points of the old way lie in b.best, 0 for none.
+    """
+    most = b.counts.size - 2
+    found = find_routes(
+        p, tune.nodes, _SWEEPS, b.routes[:most], b.counts[:most], b.costs[:most], b.stack
     )
-    copy_path(b.path[k], m, b.best)
-    return m, generations + g, evaluations + e
+    m = recombine(p, b.routes, b.counts, found, np.inf, b.routes[found], b.stack)
+    if m > 0:
+        b.counts[found], b.costs[found] = settle(
+            p, b.routes[found], m, _SWEEPS, b.scratch, b.stack
+        )
+        found += 1
+    if warm > 0:
+        copy_path(b.best, warm, b.routes[found])
+        m, cost = settle(p, b.routes[found], warm, _SWEEPS, b.scratch, b.stack)
+        b.counts[found], b.costs[found] = m, cost * _LOYALTY
+        found += 1
+    sort_routes(b.routes, b.counts, b.costs, found)
+    return found
 
 
 @njit(cache=True)
 def _solve(p: Problem, tune: Tuning, warm: int, b: Buffers) -> tuple[int, int, int]:
-    """Plan into b.best; ``warm``: how many points of a previous plan lie there (0: none)."""
-    generations, evaluations = 0, 0
-    m = warm
-    if warm == 0:
-        m, generations, evaluations = _coarse(p, tune, b)
-    m, g, e = _fine(p, tune, m, tune.budget - evaluations, b)
-    return m, generations + g, evaluations + e
+    """Plan into b.best; its count of points, the generations, and how many learners are shown."""
+    found = _gather(p, tune, warm, b)
+    least, best_m, generations, shown = np.inf, 0, 0, 0
+    for k in range(min(found, tune.rivals)):
+        if b.costs[k] > (1.0 + tune.rival_margin) * b.costs[0]:
+            break
+        m = refine(p, b.routes[k], b.counts[k], tune.splits, tune.least_turn, b.stack)
+        m = without_twins(b.routes[k], m)
+        free = encode(p, b.routes[k], m, b.lines, b.stack)
+        if free == 0:
+            cost, teacher = evaluate(p, b.routes[k], m, np.inf, b.stack), -1
+        else:
+            near = nearby(p, b.routes[k], m)
+            teacher, spent = tlbo(
+                near, b.lines, b.learners, free, m, tune.idle, tune.tolerance, tune.budget, b.state
+            )
+            cost = b.learners.cost[teacher]
+            generations += spent
+        if cost < least:
+            least, best_m = cost, m
+            if teacher < 0:
+                copy_path(b.routes[k], m, b.best)
+                shown = 0
+            else:
+                decode(p, b.lines, b.learners.subject[teacher], free, m, b.best)
+                shown = _show(p, b, free, m)
+    return best_m, generations, shown
+
+
+@njit(cache=True)
+def _show(p: Problem, b: Buffers, free: int, m: int) -> int:
+    """Put some learners into b.shown, for the eye; how many."""
+    for k in range(min(_SHOWN, b.learners.cost.size)):
+        decode(p, b.lines, b.learners.subject[k], free, m, b.shown[k])
+    return min(_SHOWN, b.learners.cost.size)
 
 
 @njit(cache=True)
@@ -146,15 +163,11 @@ def _account(p: Problem, path: FloatArray, m: int, stack: FloatArray) -> tuple[f
 
 
 def _tuning(config: PlannerConfig) -> Tuning:
-    idle = config.idle_generations
+    """Frames must be quick: a third... of the idle generations is all they wait for."""
+    idle, budget = config.idle_generations, config.max_evaluations
     if config.precise:
-        return Tuning(
-            config.learners, idle, config.max_evaluations, 12000, idle, 1e-4, idle, 1e-5, 3, 0.05
-        )
-    return Tuning(
-        config.learners, idle, config.max_evaluations, 6000, max(1, idle // 3), 1e-3,
-        max(1, idle // 3), 3e-4, 2, 0.1,
-    )
+        return Tuning(idle, 1e-5, budget, 8000, 4, 0.03, 3, 0.05)
+    return Tuning(max(1, idle // 10), 3e-4, budget, 4000, 3, 0.01, 2, 0.1)
 
 
 class TlboPlanner:
@@ -166,7 +179,7 @@ class TlboPlanner:
         self._config = config
         self._overhang = max(vehicle.footprint_offsets_m)
         self._tuning = _tuning(config)
-        self._buffers = make_buffers(config.learners)
+        self._buffers = make_buffers(config.learners, 24 if config.precise else 14)
 
     def plan(
         self,
@@ -193,10 +206,9 @@ class TlboPlanner:
         )
         b.state[:] = make_state(rng)
         warm = self._warm(problem, previous)
-        m, generations, evaluations = _solve(problem, self._tuning, warm, b)
+        m, generations, shown = _solve(problem, self._tuning, warm, b)
         length, turning, lack = _account(problem, b.best, m, b.stack)
         cost = config.length_weight * length + config.turning_weight * turning
-        order = np.argsort(b.cost, kind="stable")[:_SHOWN]
         return Plan(
             t_ns=world.t_ns,
             waypoints_m=b.best[:m].copy(),
@@ -204,20 +216,21 @@ class TlboPlanner:
             length_m=length,
             turning_rad=turning,
             safe=lack == 0.0,
-            evaluations=evaluations,
+            evaluations=int(problem.trials[0]),
             generations=generations,
             planner=self.name,
             reason=reason,
-            candidates_m=tuple(b.path[k, :m].copy() for k in order),
+            candidates_m=tuple(b.shown[k, :m].copy() for k in range(shown)),
         )
 
     def _warm(self, problem: Problem, previous: Plan | None) -> int:
-        """Put what lies ahead of the previous plan into the buffers; 0 if it is of no use."""
-        if previous is None or not previous.safe or len(previous.waypoints_m) > MAX_POINTS - 2:
+        """Put what lies ahead of the previous plan into b.best; how many points, 0 if it is no
+        longer safe or leads elsewhere."""
+        if previous is None or not previous.safe or len(previous.waypoints_m) > MAX_POINTS - 1:
             return 0
-        old = np.asarray(previous.waypoints_m)
+        old = previous.waypoints_m
         goal = np.array([problem.goal_x, problem.goal_y])
-        if np.hypot(*(old[-1] - goal)) > 0.05:
+        if math.dist(old[-1], goal) > 0.05:
             return 0
         here = np.array([problem.start_x, problem.start_y])
         edges = old[1:] - old[:-1]

@@ -13,6 +13,7 @@ from simloop.planners.objective import Problem, evaluate, segment_clearance
 MAX_POINTS = 40
 """Most waypoints of any polyline here, both ends included."""
 _MOST_MERGED_RAD = 1.8
+_APART_M = 1e-6
 
 
 @njit(cache=True)
@@ -20,7 +21,9 @@ def is_clear(p: Problem, a: FloatArray, b: FloatArray, stack: FloatArray) -> boo
     """Whether the straight segment from a to b keeps the clearance asked for.
 
     Half a tolerance stricter than the objective, so that a part of a clear segment is safe.
+    Counts as a trial.
     """
+    p.trials[0] += 1
     need = p.safe_m - 0.5 * p.tolerance_m
     return segment_clearance(p, a[0], a[1], b[0], b[1], need, need, stack) >= need
 
@@ -42,21 +45,6 @@ def insert_point(path: FloatArray, m: int, at: int, x: float, y: float) -> int:
     path[at, 0] = x
     path[at, 1] = y
     return m + 1
-
-
-@njit(cache=True)
-def pad_points(path: FloatArray, m: int, wanted: int) -> int:
-    """Halve the longest segment until there are ``wanted`` points; the shape stays. New count."""
-    while m < min(wanted, MAX_POINTS):
-        longest, at = -1.0, 1
-        for i in range(1, m):
-            length = math.hypot(path[i, 0] - path[i - 1, 0], path[i, 1] - path[i - 1, 1])
-            if length > longest:
-                longest, at = length, i
-        x = 0.5 * (path[at, 0] + path[at - 1, 0])
-        y = 0.5 * (path[at, 1] + path[at - 1, 1])
-        m = insert_point(path, m, at, x, y)
-    return m
 
 
 @njit(cache=True)
@@ -97,6 +85,20 @@ def drop_point(path: FloatArray, m: int, at: int) -> int:
         path[k, 0] = path[k + 1, 0]
         path[k, 1] = path[k + 1, 1]
     return m - 1
+
+
+@njit(cache=True)
+def without_twins(path: FloatArray, m: int) -> int:
+    """Drop every inner point that coincides with its neighbour. The new count."""
+    i = 1
+    while i < m - 1:
+        before = math.hypot(path[i, 0] - path[i - 1, 0], path[i, 1] - path[i - 1, 1])
+        after = math.hypot(path[i + 1, 0] - path[i, 0], path[i + 1, 1] - path[i, 1])
+        if before < _APART_M or (i == m - 2 and after < _APART_M):
+            m = drop_point(path, m, i)
+        else:
+            i += 1
+    return m
 
 
 @njit(cache=True)

@@ -42,7 +42,8 @@ class Problem(NamedTuple):
 
     disc_x, disc_y, disc_r: (K,) m, empty where field (rows, cols) float32 is not. field_x,
     field_y: centre of cell (0, 0). low, high: box of the waypoints. start_slack: how much of
-    the safe distance the start itself lacks, m.
+    the safe distance the start itself lacks, m. trials: (1,), how
+    many paths and single segments have been tried so far.
     """
 
     disc_x: FloatArray
@@ -70,6 +71,7 @@ class Problem(NamedTuple):
     turning_weight: float
     start_turn_weight: float
     penalty: float
+    trials: NDArray[np.int64]
 
 
 def make_problem(
@@ -125,6 +127,7 @@ def make_problem(
         turning_weight=float(turning_weight),
         start_turn_weight=float(start_turn_weight),
         penalty=float(penalty),
+        trials=np.zeros(1, np.int64),
     )
     ahead_x = problem.start_x + overhang_m * math.cos(problem.start_yaw)
     ahead_y = problem.start_y + overhang_m * math.sin(problem.start_yaw)
@@ -453,6 +456,7 @@ def evaluate(p: Problem, path: FloatArray, m: int, bound: float, stack: FloatArr
     path: (>= m, 2). stack: scratch from `make_stack`. The obstacle term, the dear one, is left
     out where length and turning alone already lose.
     """
+    p.trials[0] += 1
     length, turning = length_and_turning(path, m)
     cost = p.length_weight * length + p.turning_weight * turning
     if p.start_turn_weight > 0.0:

@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 
 from simloop.messages import FloatArray
 from simloop.planners.bends import MAX_POINTS, pull_taut, settle
-from simloop.planners.objective import Problem, relaxed_clearance
+from simloop.planners.objective import Problem, evaluate, relaxed_clearance
 
 _STRAIGHT, _DIAGONAL = 10, 14  # integer lengths let the wave run on buckets, without a heap
 _NEARLY, _BLOCKED = 4, 100
 _FAR = np.int32(2**30)
 _TABLE = 512
+_HOPELESS = 1.2  # a taut route so much dearer than the best settled one is not settled
 _STRETCH = 1.35  # routes longer than this times the shortest are not looked at
 
 IntArray = NDArray[np.int32]
@@ -278,16 +279,20 @@ def find_routes(
     vias = _shortest_classes(ahead, behind, code_ahead, code_behind, far, counts.size)
     chain = np.empty((2 * nx * ny + 2, 2))
     scratch = np.empty((2, MAX_POINTS, 2))
+    best = np.inf
     for k in range(vias.size):
         n = _chain(lattice, p, vias[k], from_start, to_goal, chain)
         m = pull_taut(p, chain, n, routes[k], stack)
-        counts[k], costs[k] = settle(p, routes[k], m, sweeps, scratch, stack)
-    _sort_routes(routes, counts, costs, vias.size)
+        counts[k], costs[k] = m, evaluate(p, routes[k], m, np.inf, stack)
+        if costs[k] < _HOPELESS * best:
+            counts[k], costs[k] = settle(p, routes[k], m, sweeps, scratch, stack)
+            best = min(best, costs[k])
+    sort_routes(routes, counts, costs, vias.size)
     return vias.size
 
 
 @njit(cache=True)
-def _sort_routes(routes: FloatArray, counts: IntArray, costs: FloatArray, n: int) -> None:
+def sort_routes(routes: FloatArray, counts: IntArray, costs: FloatArray, n: int) -> None:
     for i in range(1, n):  # insertion: a handful of routes
         k = i
         while k > 0 and costs[k] < costs[k - 1]:

@@ -1,0 +1,239 @@
+"""A polyline coded as the lines of its segments: the subjects that a class learns.
+
+Waypoints are poor subjects once a path is taut. A polygon about an obstacle touches it with every
+segment, so that hardly any move of a single waypoint, and hardly any mixture of two polygons'
+waypoints, stays clear. A line that rolls about what it touches does. So a learner holds by how
+much the headings and offsets of the lines differ from a path's that was coded; a line rolls on
+the circle that osculates what it touches, and mixtures of rolled lines are again clear (exactly
+so about a round obstacle).
+
+Line i runs from waypoint i to i + 1. With heading t it passes through
+centre - (radius + offset) n, where n = (-sin t, cos t) is its left normal; the radius is positive
+where the obstacle is on the left. The first line turns about the start, the last about the goal.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from simloop.messages import FloatArray
+from simloop.planners.bends import MAX_POINTS, copy_path
+from simloop.planners.objective import Problem, relaxed_clearance, segment_clearance
+
+_LARGEST_RADIUS_M = 3.0
+_RADIUS_MARGIN = 1.05
+_ROLL_SHARE = 0.25
+_LEAST_CROSS = 1e-9
+_LEAST_SLACK_M = 1e-4
+_MOST_SWING_RAD = 0.1
+_MOST_SWUNG_RAD = 0.6
+_SAMPLES = 12
+CORRIDOR_M = 1.0
+"""How far a waypoint may move from the coded path's, m."""
+
+
+class Lines(NamedTuple):
+    """A coded path: arrays of `MAX_POINTS`, one entry a line.
+
+    point (., 2): the waypoints, m. centre (., 2) m; radius m, signed; heading rad; cos, sin of it; turn from the line before, rad.
+    free: the numbers of the lines that may move, in order. spread (., 2): by how much the heading
+    and the offset of each free line are drawn, rad and m.
+    """
+
+    point: FloatArray
+    centre: FloatArray
+    radius: FloatArray
+    heading: FloatArray
+    cos: FloatArray
+    sin: FloatArray
+    turn: FloatArray
+    free: NDArray[np.int32]
+    spread: FloatArray
+
+
+def make_lines() -> Lines:
+    """Room for a path of `MAX_POINTS`."""
+    n = MAX_POINTS
+    columns = [np.zeros(n) for _ in range(5)]
+    return Lines(np.zeros((n, 2)), np.zeros((n, 2)), *columns, np.zeros(n, np.int32), np.zeros((n, 2)))
+
+
+@njit(cache=True)
+def decode(
+    p: Problem, lines: Lines, subject: FloatArray, free: int, m: int, path: FloatArray
+) -> float:
+    """Waypoints path[:m] of a learner's subject (>= free, 2), and its turning, rad.
+
+    Negative if the lines do not meet in their order, or meet outside the waypoints' box.
+    """
+    path[0, 0], path[0, 1] = p.start_x, p.start_y
+    path[m - 1, 0], path[m - 1, 1] = p.goal_x, p.goal_y
+    qx, qy, ux, uy = 0.0, 0.0, 0.0, 0.0
+    swung_before, turning = 0.0, 0.0
+    at = 0
+    for i in range(m - 1):
+        vx, vy = lines.cos[i], lines.sin[i]
+        shift, swung = lines.radius[i], 0.0
+        if at < free and lines.free[at] == i:
+            swung = subject[at, 0]
+            shift += subject[at, 1]
+            if abs(swung) > _MOST_SWUNG_RAD:
+                return -1.0
+            # Cosine and sine to 1e-8, far quicker than the library's.
+            a = swung * swung
+            c = 1.0 - 0.5 * a * (1.0 - a / 12.0 * (1.0 - a / 30.0))
+            s = swung * (1.0 - a / 6.0 * (1.0 - a / 20.0 * (1.0 - a / 42.0)))
+            vx, vy = c * vx - s * vy, s * vx + c * vy
+            at += 1
+        wx = lines.centre[i, 0] + shift * vy
+        wy = lines.centre[i, 1] - shift * vx
+        if i > 0:
+            turning += abs(lines.turn[i] + swung - swung_before)
+            cross = ux * vy - uy * vx
+            if abs(cross) < _LEAST_CROSS:
+                return -1.0
+            t = ((wx - qx) * vy - (wy - qy) * vx) / cross
+            x, y = qx + t * ux, qy + t * uy
+            # Written so that a NaN is refused, too.
+            if not (p.low_x <= x <= p.high_x and p.low_y <= y <= p.high_y):
+                return -1.0
+            if (
+                p.disc_x.size > 0
+                and abs(x - lines.point[i, 0]) + abs(y - lines.point[i, 1]) > CORRIDOR_M
+            ):
+                return -1.0
+            if (x - path[i - 1, 0]) * ux + (y - path[i - 1, 1]) * uy < 0.0:
+                return -1.0
+            path[i, 0], path[i, 1] = x, y
+        qx, qy, ux, uy, swung_before = wx, wy, vx, vy, swung
+    if (p.goal_x - path[m - 2, 0]) * ux + (p.goal_y - path[m - 2, 1]) * uy < 0.0:
+        return -1.0
+    return turning
+
+
+@njit(cache=True)
+def _contact(p: Problem, a: FloatArray, b: FloatArray) -> float:
+    """Where on the way from a to b (0 to 1) the clearance is least: samples, then thirds."""
+    best, at = np.inf, 0.5
+    for k in range(_SAMPLES + 1):
+        t = k / _SAMPLES
+        clear = relaxed_clearance(p, a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1]))
+        if clear < best:
+            best, at = clear, t
+    low, high = max(0.0, at - 1.0 / _SAMPLES), min(1.0, at + 1.0 / _SAMPLES)
+    for _ in range(8):
+        third = (high - low) / 3.0
+        s, t = low + third, high - third
+        near = relaxed_clearance(p, a[0] + s * (b[0] - a[0]), a[1] + s * (b[1] - a[1]))
+        far = relaxed_clearance(p, a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1]))
+        if near < far:
+            high = t
+        else:
+            low = s
+    return 0.5 * (low + high)
+
+
+@njit(cache=True)
+def _rolled_lack(
+    p: Problem, a: FloatArray, b: FloatArray, t: float, angle: float, stack: FloatArray
+) -> float:
+    """What the segment a-b lacks in clearance once turned by ``angle`` about its part t, m."""
+    c, s = math.cos(angle), math.sin(angle)
+    dx, dy = b[0] - a[0], b[1] - a[1]
+    ex, ey = c * dx - s * dy, s * dx + c * dy
+    x, y = a[0] + t * dx, a[1] + t * dy
+    clear = segment_clearance(
+        p, x - t * ex, y - t * ey, x + (1.0 - t) * ex, y + (1.0 - t) * ey,
+        p.safe_m, -np.inf, stack,
+    )  # fmt: skip
+    return p.safe_m - clear
+
+
+@njit(cache=True)
+def _lay(p: Problem, path: FloatArray, m: int, lines: Lines) -> None:
+    """The lines as they are, none of which rolls yet."""
+    copy_path(path, m, lines.point)
+    for i in range(m - 1):
+        dx, dy = path[i + 1, 0] - path[i, 0], path[i + 1, 1] - path[i, 1]
+        length = math.hypot(dx, dy)
+        lines.cos[i], lines.sin[i] = dx / length, dy / length
+        lines.heading[i] = math.atan2(dy, dx)
+        lines.radius[i] = 0.0
+        lines.centre[i, 0], lines.centre[i, 1] = path[i, 0], path[i, 1]
+        lines.turn[i] = 0.0
+        if i > 0:
+            sine = lines.cos[i - 1] * lines.sin[i] - lines.sin[i - 1] * lines.cos[i]
+            cosine = lines.cos[i - 1] * lines.cos[i] + lines.sin[i - 1] * lines.sin[i]
+            lines.turn[i] = math.atan2(sine, cosine)
+    lines.centre[m - 2, 0], lines.centre[m - 2, 1] = p.goal_x, p.goal_y
+    lines.turn[m - 1] = 0.0
+
+
+@njit(cache=True)
+def encode(p: Problem, path: FloatArray, m: int, lines: Lines, stack: FloatArray) -> int:
+    """Code path[:m], of which no two neighbours coincide. How many of its lines may move.
+
+    A line that touches nothing may move inwards, one that is not clear outwards. One that touches
+    one thing only, between two turns to the same side, may roll: turned a little about its contact, it lacks what a circle
+    of modest radius would make it lack.
+    """
+    _lay(p, path, m, lines)
+    free = 0
+    for i in range(m - 1):
+        a, b = path[i], path[i + 1]
+        length = math.hypot(b[0] - a[0], b[1] - a[1])
+        t = _contact(p, a, b)
+        x, y = a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1])
+        slack = relaxed_clearance(p, x, y) - p.safe_m
+        before, after = lines.turn[i], lines.turn[i + 1]
+        swing, offset = 0.0, 0.0
+        if abs(slack) > _LEAST_SLACK_M:
+            swing = min(0.5 * abs(slack) / length, _MOST_SWING_RAD)
+            offset = 0.5 * abs(slack) if 0 < i < m - 2 else 0.0
+        if slack > -_LEAST_SLACK_M and before * after > 0.0:
+            size = _ROLL_SHARE * min(abs(before), abs(after))
+            lack = _rolled_lack(p, a, b, t, size, stack)
+            lack = max(lack, _rolled_lack(p, a, b, t, -size, stack))
+            radius = max(p.safe_m, 2.0 * _RADIUS_MARGIN * lack / size**2)
+            if radius < _LARGEST_RADIUS_M:
+                swing = size
+                lines.radius[i] = radius if before > 0.0 else -radius
+                lines.centre[i, 0] = x - lines.radius[i] * lines.sin[i]
+                lines.centre[i, 1] = y + lines.radius[i] * lines.cos[i]
+        if swing > 0.0:
+            lines.free[free] = i
+            lines.spread[free, 0], lines.spread[free, 1] = swing, offset
+            free += 1
+    return free
+
+
+@njit(cache=True)
+def nearby(p: Problem, path: FloatArray, m: int) -> Problem:
+    """The problem without the discs that no path within `CORRIDOR_M` of path[:m] can come near."""
+    keep = np.empty(p.disc_x.size, np.int64)
+    n = 0
+    for k in range(p.disc_x.size):
+        reach = p.disc_r[k] + p.safe_m + p.overhang_m + CORRIDOR_M
+        for i in range(m - 1):
+            dx, dy = path[i + 1, 0] - path[i, 0], path[i + 1, 1] - path[i, 1]
+            ox, oy = p.disc_x[k] - path[i, 0], p.disc_y[k] - path[i, 1]
+            square = dx * dx + dy * dy
+            t = min(max((ox * dx + oy * dy) / square, 0.0), 1.0) if square > 0.0 else 0.0
+            if (ox - t * dx) ** 2 + (oy - t * dy) ** 2 < reach * reach:
+                keep[n] = k
+                n += 1
+                break
+    x, y, r = np.empty(n), np.empty(n), np.empty(n)
+    for i in range(n):
+        x[i], y[i], r[i] = p.disc_x[keep[i]], p.disc_y[keep[i]], p.disc_r[keep[i]]
+    return Problem(
+        x, y, r, p.field, p.field_x, p.field_y, p.per_m, p.low_x, p.low_y, p.high_x, p.high_y,
+        p.start_x, p.start_y, p.start_yaw, p.goal_x, p.goal_y, p.start_slack, p.safe_m,
+        p.tolerance_m, p.overstated_m, p.overhang_m, p.length_weight, p.turning_weight,
+        p.start_turn_weight, p.penalty, p.trials,
+    )  # fmt: skip
