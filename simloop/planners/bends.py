@@ -12,7 +12,7 @@ from simloop.planners.objective import Problem, evaluate, segment_clearance
 
 MAX_POINTS = 40
 """Most waypoints of any polyline here, both ends included."""
-_MOST_MERGED_RAD = 1.8
+_MOST_MERGED_RAD = 1.2
 _APART_M = 1e-6
 
 
@@ -187,17 +187,20 @@ def settle(
     """
     best, best_m = np.inf, m
     copy_path(path, m, scratch[0])
-    for _ in range(sweeps):
-        m = tighten(p, scratch[0], m, stack)
+    for sweep in range(sweeps + 1):
+        if sweep > 0:
+            m = tighten(p, scratch[0], m, stack)
         copy_path(scratch[0], m, scratch[1])
         split = refine(p, scratch[1], m, 2, 0.1, stack)
         cost = evaluate(p, scratch[1], split, np.inf, stack)
         if cost >= best:
-            break
+            if sweep > 1:
+                break
+            continue
         gain = best - cost
         best, best_m = cost, m
         copy_path(scratch[0], m, path)
-        if gain < 1e-3 * cost:
+        if sweep > 0 and gain < 1e-3 * cost:
             break
     return best_m, best
 

@@ -21,6 +21,7 @@ from simloop.planners.objective import Problem, evaluate, relaxed_clearance
 _STRAIGHT, _DIAGONAL = 10, 14  # integer lengths let the wave run on buckets, without a heap
 _NEARLY, _BLOCKED = 4, 100
 _FAR = np.int32(2**30)
+_LIFTS = 3
 _TABLE = 512
 _HOPELESS = 1.2  # a taut route so much dearer than the best settled one is not settled
 _STRETCH = 1.35  # routes longer than this times the shortest are not looked at
@@ -250,6 +251,33 @@ def _chain(
 
 
 @njit(cache=True)
+def _lift(p: Problem, step: float, chain: FloatArray, n: int) -> None:
+    """Move each point of a chain that has too little clearance up its gradient.
+
+    A little more than enough, for a segment between two points about a corner cuts it.
+    """
+    wanted = p.safe_m + min(step * step / (8.0 * p.safe_m), 0.25 * step)
+    h = 0.25 * step
+    for i in range(1, n - 1):
+        for _ in range(_LIFTS):
+            x, y = chain[i, 0], chain[i, 1]
+            here = relaxed_clearance(p, x, y)
+            if here >= wanted:
+                break
+            gx = relaxed_clearance(p, x + h, y) - relaxed_clearance(p, x - h, y)
+            gy = relaxed_clearance(p, x, y + h) - relaxed_clearance(p, x, y - h)
+            size = math.hypot(gx, gy)
+            if size < 1e-9:
+                break
+            move = min(wanted - here + 1e-6, step) / size
+            x = min(max(x + move * gx, p.low_x), p.high_x)
+            y = min(max(y + move * gy, p.low_y), p.high_y)
+            if relaxed_clearance(p, x, y) <= here:
+                break
+            chain[i, 0], chain[i, 1] = x, y
+
+
+@njit(cache=True)
 def find_routes(
     p: Problem,
     most_nodes: int,
@@ -282,6 +310,7 @@ def find_routes(
     best = np.inf
     for k in range(vias.size):
         n = _chain(lattice, p, vias[k], from_start, to_goal, chain)
+        _lift(p, lattice.step, chain, n)
         m = pull_taut(p, chain, n, routes[k], stack)
         counts[k], costs[k] = m, evaluate(p, routes[k], m, np.inf, stack)
         if costs[k] < _HOPELESS * best:
