@@ -13,6 +13,7 @@ from simloop.planners.objective import Problem, evaluate, segment_clearance
 MAX_POINTS = 40
 """Most waypoints of any polyline here, both ends included."""
 _MOST_MERGED_RAD = 1.2
+_MOST_LONGER_M = 0.1
 _APART_M = 1e-6
 
 
@@ -138,7 +139,10 @@ def merge_bends(p: Problem, path: FloatArray, m: int, stack: FloatArray) -> int:
             t = (vx * wy - vy * wx) / cross
             meet[0] = b[0] + t * ux
             meet[1] = b[1] + t * uy
+            longer = math.hypot(meet[0] - b[0], meet[1] - b[1])
+            longer += math.hypot(meet[0] - c[0], meet[1] - c[1]) - math.hypot(vx, vy)
             inside = p.low_x <= meet[0] <= p.high_x and p.low_y <= meet[1] <= p.high_y
+            inside = inside and longer < _MOST_LONGER_M
             if inside and is_clear(p, a, meet, stack) and is_clear(p, meet, d, stack):
                 path[i, 0], path[i, 1] = meet[0], meet[1]
                 m = drop_point(path, m, i + 1)
@@ -180,12 +184,12 @@ def refine(
 def settle(
     p: Problem, path: FloatArray, m: int, sweeps: int, scratch: FloatArray, stack: FloatArray
 ) -> tuple[int, float]:
-    """`tighten` as long as that brings down the cost of the path with its bends split.
+    """`tighten` up to ``sweeps`` times and keep what costs least with its bends split.
 
     A shorter path may turn more, or slip past an obstacle to a dearer side. scratch: (2,
     MAX_POINTS, 2). Returns the new count and that cost.
     """
-    best, best_m = np.inf, m
+    best, best_m, last = np.inf, m, np.inf
     copy_path(path, m, scratch[0])
     for sweep in range(sweeps + 1):
         if sweep > 0:
@@ -193,15 +197,12 @@ def settle(
         copy_path(scratch[0], m, scratch[1])
         split = refine(p, scratch[1], m, 2, 0.1, stack)
         cost = evaluate(p, scratch[1], split, np.inf, stack)
-        if cost >= best:
-            if sweep > 1:
-                break
-            continue
-        gain = best - cost
-        best, best_m = cost, m
-        copy_path(scratch[0], m, path)
-        if sweep > 0 and gain < 1e-3 * cost:
+        if cost < best:
+            best, best_m = cost, m
+            copy_path(scratch[0], m, path)
+        if sweep > 0 and abs(last - cost) < 1e-3 * cost:
             break
+        last = cost
     return best_m, best
 
 

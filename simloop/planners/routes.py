@@ -256,7 +256,7 @@ def _lift(p: Problem, step: float, chain: FloatArray, n: int) -> None:
 
     A little more than enough, for a segment between two points about a corner cuts it.
     """
-    wanted = p.safe_m + min(step * step / (8.0 * p.safe_m), 0.25 * step)
+    wanted = p.safe_m + min(step * step / (3.0 * p.safe_m), 0.3 * step)
     h = 0.25 * step
     for i in range(1, n - 1):
         for _ in range(_LIFTS):
