@@ -173,7 +173,7 @@ def bench_planners(json_file: JsonFile = None) -> int:
     from simloop import bench_planners
 
     figures = bench_planners.run()
-    Console().print(bench_planners.table(figures), highlight=False, soft_wrap=True)
+    bench_planners.print_figures(Console(), figures)
     _write_json(json_file, figures)
     return 0
 

@@ -37,6 +37,7 @@ from simloop.planners.tlbo import Class, make_class, tlbo
 
 _SWEEPS = 4
 _SHOWN = 12
+_ROUTES, _ROUTES_PRECISE = 12, 24
 _LOYALTY = 0.98
 """Below this share of the old way's cost a new one is taken."""
 
@@ -163,11 +164,12 @@ def _account(p: Problem, path: FloatArray, m: int, stack: FloatArray) -> tuple[f
 
 
 def _tuning(config: PlannerConfig) -> Tuning:
-    """Frames must be quick: a third... of the idle generations is all they wait for."""
+    """A frame has little time: it waits for a fifteenth of the idle generations, ``precise`` for
+    a third, and it looks at fewer and coarser routes."""
     idle, budget = config.idle_generations, config.max_evaluations
     if config.precise:
-        return Tuning(idle, 1e-5, budget, 8000, 4, 0.03, 3, 0.05)
-    return Tuning(max(1, idle // 10), 3e-4, budget, 4000, 3, 0.01, 2, 0.1)
+        return Tuning(max(1, idle // 3), 1e-5, budget, 8000, 4, 0.02, 3, 0.05)
+    return Tuning(max(1, idle // 15), 1e-3, budget, 4000, 3, 0.01, 2, 0.2)
 
 
 class TlboPlanner:
@@ -179,7 +181,8 @@ class TlboPlanner:
         self._config = config
         self._overhang = max(vehicle.footprint_offsets_m)
         self._tuning = _tuning(config)
-        self._buffers = make_buffers(config.learners, 24 if config.precise else 14)
+        routes = _ROUTES_PRECISE if config.precise else _ROUTES
+        self._buffers = make_buffers(config.learners, routes)
 
     def plan(
         self,

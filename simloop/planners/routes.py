@@ -23,7 +23,7 @@ _NEARLY, _BLOCKED = 4, 100
 _FAR = np.int32(2**30)
 _LIFTS = 3
 _TABLE = 512
-_HOPELESS = 1.2  # a taut route so much dearer than the best settled one is not settled
+_HOPELESS = 1.06  # a taut route so much dearer than the best settled one is not settled
 _STRETCH = 1.35  # routes longer than this times the shortest are not looked at
 
 IntArray = NDArray[np.int32]
