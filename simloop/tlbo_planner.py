@@ -23,6 +23,7 @@ from simloop.messages import FloatArray, Plan, WorldView
 from simloop.planners.bends import MAX_POINTS, copy_path, refine, settle, without_twins
 from simloop.planners.lines import Lines, decode, encode, make_lines, nearby
 from simloop.planners.objective import (
+    LEAST_INTRUSION_M,
     Problem,
     evaluate,
     intrusion,
@@ -37,6 +38,7 @@ from simloop.planners.tlbo import Class, make_class, tlbo
 
 _SWEEPS = 4
 _SHOWN = 12
+_MENDED = 2  # most routes without clearance that get a class
 _ROUTES, _ROUTES_PRECISE = 12, 24
 _LOYALTY = 0.98
 """Below this share of the old way's cost a new one is taken."""
@@ -76,15 +78,16 @@ class Buffers(NamedTuple):
 
 
 def make_buffers(learners: int, routes: int) -> Buffers:
-    """Buffers for a class of ``learners`` and for ``routes`` found, one mixed and one old route."""
+    """Buffers for a class of ``learners`` and for ``routes`` found, a mixture of them, the
+    straight line and the old way."""
     stack = make_stack()
     return Buffers(
         learners=make_class(learners, stack),
         lines=make_lines(),
         stack=stack,
-        routes=np.zeros((routes + 2, MAX_POINTS, 2)),
-        counts=np.zeros(routes + 2, dtype=np.int32),
-        costs=np.zeros(routes + 2),
+        routes=np.zeros((routes + 3, MAX_POINTS, 2)),
+        counts=np.zeros(routes + 3, dtype=np.int32),
+        costs=np.zeros(routes + 3),
         scratch=np.zeros((2, MAX_POINTS, 2)),
         best=np.zeros((MAX_POINTS, 2)),
         shown=np.zeros((_SHOWN, MAX_POINTS, 2)),
@@ -93,20 +96,26 @@ def make_buffers(learners: int, routes: int) -> Buffers:
 
 
 @njit(cache=True)
-def _gather(p: Problem, tune: Tuning, warm: int, b: Buffers) -> int:
+def _gather(p: Problem, nodes: int, warm: int, b: Buffers) -> int:
     """Fill b.routes, cheapest first, with all that may be worth a class; how many.
 
     warm: how many points of the old way lie in b.best, 0 for none.
     """
-    most = b.counts.size - 2
+    most = b.counts.size - 3
     found = find_routes(
-        p, tune.nodes, _SWEEPS, b.routes[:most], b.counts[:most], b.costs[:most], b.stack
+        p, nodes, _SWEEPS, b.routes[:most], b.counts[:most], b.costs[:most], b.stack
     )
     m = recombine(p, b.routes, b.counts, found, np.inf, b.routes[found], b.stack)
     if m > 0:
         b.counts[found], b.costs[found] = settle(
             p, b.routes[found], m, _SWEEPS, b.scratch, b.stack
         )
+        found += 1
+    line = b.routes[found]
+    line[0, 0], line[0, 1] = p.start_x, p.start_y
+    line[1, 0], line[1, 1] = p.goal_x, p.goal_y
+    b.counts[found], b.costs[found] = 2, evaluate(p, line, 2, np.inf, b.stack)
+    if intrusion(p, line, 2, np.inf, b.stack) == 0.0:
         found += 1
     if warm > 0:
         copy_path(b.best, warm, b.routes[found])
@@ -118,33 +127,66 @@ def _gather(p: Problem, tune: Tuning, warm: int, b: Buffers) -> int:
 
 
 @njit(cache=True)
+def _teach(
+    p: Problem, tune: Tuning, k: int, least: float, b: Buffers
+) -> tuple[float, int, int, int]:
+    """Let a class about route k learn; where it beats ``least``, its best goes to b.best.
+
+    Its cost (inf where it does not), count of points, generations and learners shown.
+    """
+    m = refine(p, b.routes[k], b.counts[k], tune.splits, tune.least_turn, b.stack)
+    m = without_twins(b.routes[k], m)
+    free = encode(p, b.routes[k], m, b.lines, b.stack)
+    if free == 0:
+        cost = evaluate(p, b.routes[k], m, np.inf, b.stack)
+        if cost >= least:
+            return np.inf, 0, 0, 0
+        copy_path(b.routes[k], m, b.best)
+        return cost, m, 0, 0
+    near = nearby(p, b.routes[k], m)
+    teacher, generations = tlbo(
+        near, b.lines, b.learners, free, m, tune.idle, tune.tolerance, tune.budget, b.state
+    )
+    cost = b.learners.cost[teacher]
+    if cost >= least:
+        return np.inf, 0, generations, 0
+    decode(p, b.lines, b.learners.subject[teacher], free, m, b.best)
+    return cost, m, generations, _show(p, b, free, m)
+
+
+@njit(cache=True)
+def _deserves_class(p: Problem, k: int, least: float, b: Buffers) -> bool:
+    """Whether route k would be much cheaper than ``least`` if it had not too little clearance."""
+    length, turning = length_and_turning(b.routes[k], b.counts[k])
+    plain = p.length_weight * length + p.turning_weight * turning
+    unsafe = b.costs[k] > plain + 0.5 * p.penalty * LEAST_INTRUSION_M
+    return unsafe and plain < _LOYALTY * least
+
+
+@njit(cache=True)
 def _solve(p: Problem, tune: Tuning, warm: int, b: Buffers) -> tuple[int, int, int]:
-    """Plan into b.best; its count of points, the generations, and how many learners are shown."""
-    found = _gather(p, tune, warm, b)
+    """Plan into b.best; its count of points, the generations, and how many learners are shown.
+
+    The cheapest routes get a class, then those that lack some clearance, which a class may find.
+    Where nothing safe is found, another lattice has its say.
+    """
     least, best_m, generations, shown = np.inf, 0, 0, 0
-    for k in range(min(found, tune.rivals)):
-        if b.costs[k] > (1.0 + tune.rival_margin) * b.costs[0]:
+    for attempt in range(2):
+        if attempt > 0 and intrusion(p, b.best, best_m, np.inf, b.stack) == 0.0:
             break
-        m = refine(p, b.routes[k], b.counts[k], tune.splits, tune.least_turn, b.stack)
-        m = without_twins(b.routes[k], m)
-        free = encode(p, b.routes[k], m, b.lines, b.stack)
-        if free == 0:
-            cost, teacher = evaluate(p, b.routes[k], m, np.inf, b.stack), -1
-        else:
-            near = nearby(p, b.routes[k], m)
-            teacher, spent = tlbo(
-                near, b.lines, b.learners, free, m, tune.idle, tune.tolerance, tune.budget, b.state
-            )
-            cost = b.learners.cost[teacher]
+        nodes = tune.nodes if attempt == 0 else tune.nodes * 3 // 2
+        found = _gather(p, nodes, warm if attempt == 0 else 0, b)
+        mended = 0
+        for k in range(found):
+            good = k < tune.rivals and b.costs[k] <= (1.0 + tune.rival_margin) * b.costs[0]
+            if not good:
+                if mended == _MENDED or not _deserves_class(p, k, least, b):
+                    continue
+                mended += 1
+            cost, m, spent, seen = _teach(p, tune, k, least, b)
             generations += spent
-        if cost < least:
-            least, best_m = cost, m
-            if teacher < 0:
-                copy_path(b.routes[k], m, b.best)
-                shown = 0
-            else:
-                decode(p, b.lines, b.learners.subject[teacher], free, m, b.best)
-                shown = _show(p, b, free, m)
+            if m > 0:
+                least, best_m, shown = cost, m, seen
     return best_m, generations, shown
 
 

@@ -23,7 +23,12 @@ from numpy.typing import NDArray
 
 from simloop.messages import FloatArray
 from simloop.planners.bends import MAX_POINTS, copy_path
-from simloop.planners.objective import Problem, relaxed_clearance, segment_clearance
+from simloop.planners.objective import (
+    Problem,
+    intrusion,
+    relaxed_clearance,
+    segment_clearance,
+)
 
 _LARGEST_RADIUS_M = 3.0
 _RADIUS_MARGIN = 1.05
@@ -31,6 +36,7 @@ _ROLL_SHARE = 0.25
 _LEAST_CROSS = 1e-9
 _LEAST_SLACK_M = 1e-4
 _MOST_SWING_RAD = 0.1
+_MOST_SHIFT_M = 0.1
 _MOST_SWUNG_RAD = 0.6
 _SAMPLES = 12
 CORRIDOR_M = 1.0
@@ -178,12 +184,14 @@ def _lay(p: Problem, path: FloatArray, m: int, lines: Lines) -> None:
 def encode(p: Problem, path: FloatArray, m: int, lines: Lines, stack: FloatArray) -> int:
     """Code path[:m], of which no two neighbours coincide. How many of its lines may move.
 
-    A line that touches nothing may move inwards, one that is not clear outwards. One that touches
-    one thing only, between two turns to the same side, may roll: turned a little about its contact, it lacks what a circle
-    of modest radius would make it lack.
+    A line that touches nothing may move inwards. One that touches one thing only, between two
+    turns to the same side, may roll: turned a little about its contact, it lacks what a circle
+    of modest radius would make it lack. Where the path
+    is not safe, every line may move.
     """
     _lay(p, path, m, lines)
     free = 0
+    lack = intrusion(p, path, m, np.inf, stack)
     for i in range(m - 1):
         a, b = path[i], path[i + 1]
         length = math.hypot(b[0] - a[0], b[1] - a[1])
@@ -192,14 +200,17 @@ def encode(p: Problem, path: FloatArray, m: int, lines: Lines, stack: FloatArray
         slack = relaxed_clearance(p, x, y) - p.safe_m
         before, after = lines.turn[i], lines.turn[i + 1]
         swing, offset = 0.0, 0.0
-        if abs(slack) > _LEAST_SLACK_M:
-            swing = min(0.5 * abs(slack) / length, _MOST_SWING_RAD)
-            offset = 0.5 * abs(slack) if 0 < i < m - 2 else 0.0
-        if slack > -_LEAST_SLACK_M and before * after > 0.0:
+        if lack > 0.0:
+            swing, offset = _MOST_SWING_RAD, min(lack, _MOST_SHIFT_M)
+        elif slack > _LEAST_SLACK_M:
+            swing, offset = min(0.5 * slack / length, _MOST_SWING_RAD), 0.5 * slack
+        if i == 0 or i == m - 2:
+            offset = 0.0
+        if lack == 0.0 and before * after > 0.0:
             size = _ROLL_SHARE * min(abs(before), abs(after))
-            lack = _rolled_lack(p, a, b, t, size, stack)
-            lack = max(lack, _rolled_lack(p, a, b, t, -size, stack))
-            radius = max(p.safe_m, 2.0 * _RADIUS_MARGIN * lack / size**2)
+            sink = _rolled_lack(p, a, b, t, size, stack)
+            sink = max(sink, _rolled_lack(p, a, b, t, -size, stack))
+            radius = max(p.safe_m, 2.0 * _RADIUS_MARGIN * sink / size**2)
             if radius < _LARGEST_RADIUS_M:
                 swing = size
                 lines.radius[i] = radius if before > 0.0 else -radius
