@@ -38,6 +38,7 @@ from simloop.planners.tlbo import Class, make_class, tlbo
 
 _SWEEPS = 4
 _SHOWN = 12
+_HERE_M = 1e-6
 _MENDED = 2  # most routes without clearance that get a class
 _ROUTES, _ROUTES_PRECISE = 12, 24
 _LOYALTY = 0.98
@@ -137,19 +138,19 @@ def _teach(
     m = refine(p, b.routes[k], b.counts[k], tune.splits, tune.least_turn, b.stack)
     m = without_twins(b.routes[k], m)
     free = encode(p, b.routes[k], m, b.lines, b.stack)
-    if free == 0:
-        cost = evaluate(p, b.routes[k], m, np.inf, b.stack)
-        if cost >= least:
-            return np.inf, 0, 0, 0
-        copy_path(b.routes[k], m, b.best)
-        return cost, m, 0, 0
-    near = nearby(p, b.routes[k], m)
-    teacher, generations = tlbo(
-        near, b.lines, b.learners, free, m, tune.idle, tune.tolerance, tune.budget, b.state
-    )
-    cost = b.learners.cost[teacher]
-    if cost >= least:
+    plain = evaluate(p, b.routes[k], m, np.inf, b.stack)
+    teacher, generations, cost = 0, 0, np.inf
+    if free > 0:
+        near = nearby(p, b.routes[k], m)
+        teacher, generations = tlbo(
+            near, b.lines, b.learners, free, m, tune.idle, tune.tolerance, tune.budget, b.state
+        )
+        cost = b.learners.cost[teacher]
+    if min(cost, plain) >= least:
         return np.inf, 0, generations, 0
+    if plain <= cost:
+        copy_path(b.routes[k], m, b.best)
+        return plain, m, generations, 0
     decode(p, b.lines, b.learners.subject[teacher], free, m, b.best)
     return cost, m, generations, _show(p, b, free, m)
 
@@ -170,6 +171,10 @@ def _solve(p: Problem, tune: Tuning, warm: int, b: Buffers) -> tuple[int, int, i
     The cheapest routes get a class, then those that lack some clearance, which a class may find.
     Where nothing safe is found, another lattice has its say.
     """
+    if math.hypot(p.goal_x - p.start_x, p.goal_y - p.start_y) < _HERE_M:
+        b.best[0, 0], b.best[0, 1] = p.start_x, p.start_y
+        b.best[1, 0], b.best[1, 1] = p.goal_x, p.goal_y
+        return 2, 0, 0
     least, best_m, generations, shown = np.inf, 0, 0, 0
     for attempt in range(2):
         if attempt > 0 and intrusion(p, b.best, best_m, np.inf, b.stack) == 0.0:

@@ -120,9 +120,7 @@ def test_a_start_too_close_may_leave():
 
 def test_the_front_of_the_robot_keeps_clear_too():
     world = box_world(np.array([[2.0, 0.0, 2.2, 3.0]]), 5.0, 0.05)
-    found = plan(world, vehicle_overhang := START) if False else make_planner(
-        PlannerConfig(), VehicleConfig()
-    ).plan(world, START, GOAL, np.random.default_rng(0))
+    found = planner(VehicleConfig()).plan(world, START, GOAL, np.random.default_rng(0))
     assert found.safe
     for a, b in zip(*ends(found.waypoints_m), strict=True):
         along = (b - a) / np.hypot(*(b - a))

@@ -65,8 +65,17 @@ class Lines(NamedTuple):
 def make_lines() -> Lines:
     """Room for a path of `MAX_POINTS`."""
     n = MAX_POINTS
-    columns = [np.zeros(n) for _ in range(5)]
-    return Lines(np.zeros((n, 2)), np.zeros((n, 2)), *columns, np.zeros(n, np.int32), np.zeros((n, 2)))
+    return Lines(
+        point=np.zeros((n, 2)),
+        centre=np.zeros((n, 2)),
+        radius=np.zeros(n),
+        heading=np.zeros(n),
+        cos=np.zeros(n),
+        sin=np.zeros(n),
+        turn=np.zeros(n),
+        free=np.zeros(n, np.int32),
+        spread=np.zeros((n, 2)),
+    )
 
 
 @njit(cache=True)

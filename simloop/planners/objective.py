@@ -33,6 +33,7 @@ LEAST_INTRUSION_M = 0.01
 START_GROWTH = 0.5
 """By how much the clearance asked for grows for each metre away from a start too close, m/m."""
 _WALK_CELLS = 3.0
+_PIECE_M = 0.005
 _NO_LENGTH_M = 1e-9
 _STACK = 64
 
@@ -135,8 +136,9 @@ def make_problem(
         point_clearance(problem, problem.start_x, problem.start_y),
         point_clearance(problem, ahead_x, ahead_y),
     )
-    # A hair more than the start lacks, so that rounding does not make the start itself unsafe.
-    slack = safe_m - here + 1e-6 if here < safe_m else 0.0
+    # A hair more than the start lacks, so that rounding (and the pieces in which discs are looked
+    # at) does not make the start itself unsafe.
+    slack = safe_m - here + 1e-6 + START_GROWTH * _PIECE_M if here < safe_m else 0.0
     return problem._replace(start_slack=slack)
 
 
@@ -229,12 +231,15 @@ def _walk_cells(
         c0 = corner + along_u * a + along_v * b + twist * a * b
         c1 = along_u * u_step + along_v * v_step + twist * (a * v_step + b * u_step)
         c2 = twist * u_step * v_step
+        t += step
+        # The allowance is all but straight within a cell: it joins the parabola.
+        allowed_next = _allowance(p, ax + ux * t, ay + uy * t)
+        c0 += allowed
+        c1 += (allowed_next - allowed) / step if step > 0.0 else 0.0
         low = min(c0, c0 + step * (c1 + step * c2))
         if c2 > 0.0 and 0.0 < -c1 < 2.0 * c2 * step:
             low = c0 - 0.25 * c1 * c1 / c2
-        t += step
-        allowed_next = _allowance(p, ax + ux * t, ay + uy * t)
-        worst = min(worst, low + min(allowed, allowed_next))
+        worst = min(worst, low)
         allowed = allowed_next
         if t >= last - _NO_LENGTH_M:
             return worst
@@ -356,7 +361,7 @@ def _disc_clearance_near_start(
         worst = min(worst, _disc_clearance(p, ax, ay, ax + ux * first, ay + uy * first))
     if last < length:
         worst = min(worst, _disc_clearance(p, ax + ux * last, ay + uy * last, bx, by))
-    pieces = 1 + int((last - first) / 0.005)
+    pieces = 1 + int((last - first) / _PIECE_M)
     step = (last - first) / pieces
     for k in range(pieces):
         cx = ax + ux * (first + k * step)
