@@ -1,4 +1,4 @@
-"""Changing how many waypoints a polyline has: adding free ones, dropping useless, splitting bends."""
+"""Changing how many waypoints a polyline has: dropping useless ones, merging, splitting bends."""
 
 from __future__ import annotations
 

@@ -46,7 +46,8 @@ CORRIDOR_M = 1.0
 class Lines(NamedTuple):
     """A coded path: arrays of `MAX_POINTS`, one entry a line.
 
-    point (., 2): the waypoints, m. centre (., 2) m; radius m, signed; heading rad; cos, sin of it; turn from the line before, rad.
+    point (., 2): the waypoints, m. centre (., 2) m; radius m, signed; heading rad; cos, sin of it; turn
+    from the line before, rad.
     free: the numbers of the lines that may move, in order. spread (., 2): by how much the heading
     and the offset of each free line are drawn, rad and m.
     """
