@@ -146,7 +146,7 @@ def _measure_one(
 
 def print_figures(console: Console, figures: dict[str, Any]) -> None:
     """The figures as a table for the terminal."""
-    header = ["scene", "planner", "ms p50", "p99", "gap % p50", "p95", "safe %", "std", "evaluations"]
+    header = ["scene", "planner", "ms p50", "p99", "gap % p50", "p95", "safe %", "std", "trials"]
     rows = [
         [name, planner, f"{at['ms_p50']:.2f}", f"{at['ms_p99']:.2f}", f"{at['gap_p50']:.3f}",
          f"{at['gap_p95']:.3f}", f"{100.0 * at['safe']:.1f}", f"{at['std']:.4f}",

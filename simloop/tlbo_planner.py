@@ -108,9 +108,7 @@ def _gather(p: Problem, nodes: int, warm: int, b: Buffers) -> int:
     )
     m = recombine(p, b.routes, b.counts, found, np.inf, b.routes[found], b.stack)
     if m > 0:
-        b.counts[found], b.costs[found] = settle(
-            p, b.routes[found], m, _SWEEPS, b.scratch, b.stack
-        )
+        b.counts[found], b.costs[found] = settle(p, b.routes[found], m, _SWEEPS, b.scratch, b.stack)
         found += 1
     line = b.routes[found]
     line[0, 0], line[0, 1] = p.start_x, p.start_y

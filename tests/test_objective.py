@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -89,7 +91,7 @@ def test_length_turning_and_penalty_add_up(seed, points):
     start = np.array([*path[0], 0.0])
     p = make_problem(disc_world(discs, BOX), start, path[-1], safe_m=SAFE)._replace(start_slack=0.0)
     stack = make_stack()
-    lacks = [SAFE - sampled(among(discs), a, b) for a, b in zip(path, path[1:], strict=False)]
+    lacks = [SAFE - sampled(among(discs), a, b) for a, b in pairwise(path)]
     total = sum(lack + LEAST_INTRUSION_M for lack in lacks if lack > 1e-5)
     assert intrusion(p, path, points, np.inf, stack) == pytest.approx(total, abs=0.01)
     length, turning = length_and_turning(path, points)

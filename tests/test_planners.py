@@ -86,7 +86,10 @@ def clearance_of(discs, a, b):
 
 
 def test_an_empty_world_is_crossed_straight():
-    for world in (disc_world(np.zeros((0, 3)), BOX), box_world(np.array([[9, 9, 9.1, 9.1]]), 5, 0.05)):
+    for world in (
+        disc_world(np.zeros((0, 3)), BOX),
+        box_world(np.array([[9, 9, 9.1, 9.1]]), 5, 0.05),
+    ):
         found = plan(world)
         assert found.safe and len(found.waypoints_m) == 2 and found.turning_rad == 0.0
 
@@ -145,7 +148,9 @@ def test_the_account_is_honest():
     # A class of 100, two evaluations a learner a generation; routes and trials come on top.
     assert found.evaluations > 100 + 200 * found.generations > 100
     assert found.cost == pytest.approx(bench_planners.path_cost(found.waypoints_m), abs=1e-9)
-    assert found.candidates_m and all(c.shape == found.waypoints_m.shape for c in found.candidates_m)
+    assert found.candidates_m and all(
+        c.shape == found.waypoints_m.shape for c in found.candidates_m
+    )
 
 
 def two_ways(block_low=False, better=False) -> WorldView:
@@ -185,7 +190,7 @@ def test_an_old_plan_to_elsewhere_or_unsafe_is_refused():
 
 def test_the_registry_names_what_it_knows():
     assert "tlbo" in planner_names()
-    with pytest.raises(ValueError, match="unknown planner 'warp'; choose from .*tlbo"):
+    with pytest.raises(ValueError, match=r"unknown planner 'warp'; choose from .*tlbo"):
         make_planner(PlannerConfig(name="warp"), POINT)
 
 

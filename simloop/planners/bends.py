@@ -103,7 +103,9 @@ def without_twins(path: FloatArray, m: int) -> int:
 
 
 @njit(cache=True)
-def _slide(p: Problem, here: FloatArray, to: FloatArray, other: FloatArray, stack: FloatArray) -> None:
+def _slide(
+    p: Problem, here: FloatArray, to: FloatArray, other: FloatArray, stack: FloatArray
+) -> None:
     """Move ``here`` towards ``to`` as far as the segment from it to ``other`` stays clear."""
     x, y = here[0], here[1]
     low, high = 0.0, 1.0

@@ -46,7 +46,8 @@ CORRIDOR_M = 1.0
 class Lines(NamedTuple):
     """A coded path: arrays of `MAX_POINTS`, one entry a line.
 
-    point (., 2): the waypoints, m. centre (., 2) m; radius m, signed; heading rad; cos, sin of it; turn
+    point (., 2): the waypoints, m. centre (., 2) m; radius m, signed;
+    heading rad; cos, sin of it; turn
     from the line before, rad.
     free: the numbers of the lines that may move, in order. spread (., 2): by how much the heading
     and the offset of each free line are drawn, rad and m.
@@ -55,7 +56,6 @@ class Lines(NamedTuple):
     point: FloatArray
     centre: FloatArray
     radius: FloatArray
-    heading: FloatArray
     cos: FloatArray
     sin: FloatArray
     turn: FloatArray
@@ -70,7 +70,6 @@ def make_lines() -> Lines:
         point=np.zeros((n, 2)),
         centre=np.zeros((n, 2)),
         radius=np.zeros(n),
-        heading=np.zeros(n),
         cos=np.zeros(n),
         sin=np.zeros(n),
         turn=np.zeros(n),
@@ -178,7 +177,6 @@ def _lay(p: Problem, path: FloatArray, m: int, lines: Lines) -> None:
         dx, dy = path[i + 1, 0] - path[i, 0], path[i + 1, 1] - path[i, 1]
         length = math.hypot(dx, dy)
         lines.cos[i], lines.sin[i] = dx / length, dy / length
-        lines.heading[i] = math.atan2(dy, dx)
         lines.radius[i] = 0.0
         lines.centre[i, 0], lines.centre[i, 1] = path[i, 0], path[i, 1]
         lines.turn[i] = 0.0

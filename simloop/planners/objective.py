@@ -96,7 +96,7 @@ def make_problem(
     field = np.ascontiguousarray(world.distance_m, dtype=np.float32)
     empty = np.zeros(0)
     discs = np.asarray(world.discs_xyr_m, dtype=np.float64).reshape(-1, 3)
-    columns = (empty, empty, empty) if field.size else tuple(np.ascontiguousarray(c) for c in discs.T)
+    x, y, r = (empty if field.size else np.ascontiguousarray(column) for column in discs.T)
     resolution = world.resolution_m if field.size else 1.0
     overstated = 0.0
     if field.size:
@@ -105,7 +105,9 @@ def make_problem(
         safe_m += max(0.0, overstated - 0.9 * SAFE_WITHIN_M)
     bounds = [float(b) for b in world.bounds_m]
     problem = Problem(
-        *columns,
+        disc_x=x,
+        disc_y=y,
+        disc_r=r,
         field=field,
         field_x=float(world.origin_m[0]) + 0.5 * resolution,
         field_y=float(world.origin_m[1]) + 0.5 * resolution,
@@ -338,9 +340,7 @@ def _disc_clearance(p: Problem, ax: float, ay: float, bx: float, by: float) -> f
 
 
 @njit(cache=True)
-def _disc_clearance_near_start(
-    p: Problem, ax: float, ay: float, bx: float, by: float
-) -> float:
+def _disc_clearance_near_start(p: Problem, ax: float, ay: float, bx: float, by: float) -> float:
     """`_disc_clearance` with the allowance about a start too close: piece by piece, each
     piece's allowance that of its worse end (the allowance is concave where it is not zero)."""
     length = math.hypot(bx - ax, by - ay)
@@ -439,7 +439,10 @@ def start_turn(p: Problem, path: FloatArray, m: int) -> float:
 
 @njit(cache=True, forceinline=True)
 def intrusion(p: Problem, path: FloatArray, m: int, enough: float, stack: FloatArray) -> float:
-    """sum R: each segment's lack of clearance, where it lacks any, m; stops adding once it exceeds ``enough``."""
+    """sum R: each segment's lack of clearance, where it lacks any, m.
+
+    Stops adding once it exceeds ``enough``.
+    """
     total = 0.0
     need = p.safe_m - p.tolerance_m
     for i in range(m - 1):

@@ -62,7 +62,9 @@ def make_lattice(p: Problem, most_nodes: int) -> Lattice:
 
 
 @njit(cache=True)
-def _draw_disc(p: Problem, weight: IntArray, k: int, low_x: float, low_y: float, step: float) -> None:
+def _draw_disc(
+    p: Problem, weight: IntArray, k: int, low_x: float, low_y: float, step: float
+) -> None:
     ny, nx = weight.shape
     reach = p.disc_r[k] + p.safe_m
     cx = (p.disc_x[k] - low_x) / step
@@ -106,11 +108,12 @@ def _ray_codes(lattice: Lattice) -> NDArray[np.int64]:
                 for dy in range(-1, 2):
                     for dx in range(-1, 2):
                         v, u = y + dy, x + dx
-                        if 0 <= v < ny and 0 <= u < nx and not seen[v, u]:
-                            if weight[v, u] >= _BLOCKED:
-                                seen[v, u] = True
-                                queue[tail] = v * nx + u
-                                tail += 1
+                        if v < 0 or v >= ny or u < 0 or u >= nx or seen[v, u]:
+                            continue
+                        if weight[v, u] >= _BLOCKED:
+                            seen[v, u] = True
+                            queue[tail] = v * nx + u
+                            tail += 1
     return code
 
 

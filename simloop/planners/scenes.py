@@ -8,6 +8,7 @@ robot is a point that keeps ``safe_m``.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -128,7 +129,7 @@ def true_clearance(instance: Instance, waypoints: FloatArray, step_m: float = 2e
     Independent of the planners' kernels on purpose. Exact to step_m^2 / (8 clearance).
     """
     worst = np.inf
-    for a, b in zip(waypoints[:-1], waypoints[1:], strict=True):
+    for a, b in pairwise(waypoints):
         count = 2 + int(np.hypot(*(b - a)) / step_m)
         points = a + np.linspace(0.0, 1.0, count)[:, None] * (b - a)
         if len(instance.boxes_m):
