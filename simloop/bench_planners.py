@@ -22,8 +22,8 @@ from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray
 from simloop.metrics import versions
 from simloop.planners import available
+from simloop.planners.clearance import SAFE_WITHIN_M
 from simloop.planners.exact import exact_path
-from simloop.planners.objective import SAFE_WITHIN_M
 from simloop.planners.registry import make_planner
 from simloop.planners.scenes import SCENE_NAMES, Instance, scene, true_clearance
 from simloop.report import print_table

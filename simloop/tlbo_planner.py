@@ -21,14 +21,13 @@ from numpy.typing import NDArray
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray, Plan, WorldView
 from simloop.planners.bends import MAX_POINTS, copy_path, refine, settle, without_twins
+from simloop.planners.clearance import Problem, make_problem
 from simloop.planners.lines import Lines, decode, encode, make_lines, nearby
 from simloop.planners.objective import (
     LEAST_INTRUSION_M,
-    Problem,
     evaluate,
     intrusion,
     length_and_turning,
-    make_problem,
     make_stack,
 )
 from simloop.planners.recombine import recombine

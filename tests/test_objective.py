@@ -11,14 +11,13 @@ from hypothesis import strategies as st
 
 from simloop.bench_planners import path_cost
 from simloop.messages import WorldView
+from simloop.planners.clearance import make_problem, segment_clearance
 from simloop.planners.objective import (
     LEAST_INTRUSION_M,
     evaluate,
     intrusion,
     length_and_turning,
-    make_problem,
     make_stack,
-    segment_clearance,
 )
 from simloop.planners.scenes import box_world, disc_world
 

@@ -15,7 +15,7 @@ from numba import njit
 
 from simloop.messages import FloatArray
 from simloop.planners.bends import MAX_POINTS, is_clear
-from simloop.planners.objective import Problem
+from simloop.planners.clearance import Problem
 from simloop.planners.routes import IntArray
 
 _MOST_NODES = 120

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from simloop.messages import FloatArray
 from simloop.planners.bends import MAX_POINTS, pull_taut, settle
-from simloop.planners.objective import Problem, evaluate, relaxed_clearance
+from simloop.planners.clearance import Problem, relaxed_clearance
+from simloop.planners.objective import evaluate
 
 _STRAIGHT, _DIAGONAL = 10, 14  # integer lengths let the wave run on buckets, without a heap
 _NEARLY, _BLOCKED = 4, 100

@@ -18,8 +18,9 @@ from numba import njit
 
 from simloop.messages import FloatArray
 from simloop.planners.bends import MAX_POINTS
+from simloop.planners.clearance import Problem
 from simloop.planners.lines import Lines, decode
-from simloop.planners.objective import Problem, intrusion, start_turn
+from simloop.planners.objective import intrusion, start_turn
 from simloop.planners.splitmix import State, below, normal, uniform
 
 
