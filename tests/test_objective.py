@@ -131,3 +131,12 @@ def test_a_start_too_close_is_allowed_to_leave_but_not_to_stay():
     leaving, along = np.array([[0.0, 0.0], [0.0, -2.0]]), np.array([[0.0, 0.0], [0.5, 0.45]])
     assert intrusion(p, leaving, 2, np.inf, stack) == 0.0
     assert intrusion(p, along, 2, np.inf, stack) > 0.0
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 7])
+def test_the_kernels_see_one_type_however_many_discs_there_are(count):
+    """A read-only array is another type to the compiler: all would be compiled again for it."""
+    view = disc_world(np.full((count, 3), 0.5), BOX)
+    p = make_problem(view, np.zeros(3), np.array([5.0, 5.0]), safe_m=SAFE)
+    for column in (p.disc_x, p.disc_y, p.disc_r):
+        assert column.shape == (count,) and column.flags.writeable and column.flags.c_contiguous

@@ -86,7 +86,8 @@ def make_problem(
     field = np.ascontiguousarray(world.distance_m, dtype=np.float32)
     empty = np.zeros(0)
     discs = np.asarray(world.discs_xyr_m, dtype=np.float64).reshape(-1, 3)
-    x, y, r = (empty if field.size else np.ascontiguousarray(column) for column in discs.T)
+    # Copies, so that the kernels always see writable arrays: one or no disc is no other type.
+    x, y, r = (empty if field.size else column.copy() for column in discs.T)
     resolution = world.resolution_m if field.size else 1.0
     overstated = 0.0
     if field.size:
