@@ -177,14 +177,14 @@ def test_a_signature_tells_on_which_side_each_blocked_region_is_passed(seed):
     # Of each region one node; a way through none of them cannot go round a part of a region.
     of_region = [nodes[np.flatnonzero(labels.ravel() == k + 1)[0]] for k in range(count)]
     p = problem_of(disc_world(np.zeros((0, 3)), BOX), np.array([*nodes[source], 0.0]), nodes[target])
-    ways, signatures = [], []
+    ways, signatures, signature = [], [], code_behind - code_ahead
     for v in np.flatnonzero(ahead.astype(float) + behind <= far):
         chain = np.empty((2 * len(nodes), 2))
         n = _chain(lattice, p, v, from_start, to_goal, chain)
         index = np.round((chain[:n] - nodes[0]) / lattice.step).astype(int)
         if np.all(lattice.weight[index[:, 1], index[:, 0]] < _BLOCKED):
             ways.append(chain[:n].copy())
-            signatures.append(code_behind[v] - code_ahead[v])
+            signatures.append(signature[v])
     for k in np.random.default_rng(seed).permutation(len(ways))[:40]:
         round_none = not windings(ways[k], ways[0], np.array(of_region).reshape(-1, 2)).any()
         assert (signatures[k] == signatures[0]) == round_none

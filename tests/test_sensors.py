@@ -146,3 +146,36 @@ def test_beams_follow_the_attitude_in_all_three_axes():
     expected = np.column_stack((np.cos(angles), np.sin(angles), np.zeros(5))) @ rotation.T
     np.testing.assert_allclose(directions, expected, atol=1e-12)
     np.testing.assert_allclose(origins, np.tile(1 + rotation @ mount, (5, 1)), atol=1e-12)
+
+
+def test_the_accelerometer_errs_by_its_own_noise_and_its_own_bias():
+    config = replace(ImuConfig(), gyro_bias_walk_radps_rts=0.0, accel_bias_walk_mps2_rts=0.0)
+    imu = Imu(config, 0.01, np.random.default_rng(2))
+    accel = np.array([imu.read(truth_at()).accel_mps2 for _ in range(4000)])
+    assert accel.std(axis=0) == pytest.approx(config.accel_noise_mps2_rthz * 10.0, rel=0.05)
+    assert accel.mean(axis=0) == pytest.approx(imu.bias[3:] + [0.0, 0.0, 9.81], abs=2e-3)
+    biases = [Imu(config, 0.01, np.random.default_rng(s)).bias for s in range(400)]
+    sizes = [config.gyro_bias_radps] * 3 + [config.accel_bias_mps2] * 3
+    assert np.std(biases, axis=0) == pytest.approx(sizes, rel=0.12)
+
+
+def test_nothing_is_told_from_within_the_blind_zone_or_beyond_the_reach():
+    near = sweep_of(quiet_lidar(range_min_m=3.2), (0, 0, 0), (0, 0, 0))
+    true = 3.0 / np.maximum(np.cos(near.angles_rad), 1e-9)
+    assert np.all(np.isinf(near.ranges_m[true < 3.2]))
+    assert np.all(np.isfinite(near.ranges_m[(true > 3.2) & (true < 11.9)]))
+    # A wall just within reach, whose noise would carry it beyond.
+    far = sweep_of(quiet_lidar(range_max_m=3.01, noise_m=0.02, rays=3600), (0, 0, 0), (0, 0, 0))
+    heard = np.isfinite(far.ranges_m)
+    assert heard.sum() > 50 and far.ranges_m[heard].max() <= 3.01
+
+
+def test_the_lasers_place_on_the_body_is_that_of_the_beams():
+    config = replace(LidarConfig(), noise_m=0.0, dropout=0.0)
+    lidar = Lidar(config, 0.1, np.array([0.3, 0.2, 0.2]), np.random.default_rng(0))
+    yaw = 0.7
+    scan = sweep_of(lidar, (1.0, 0.0, yaw), (1.0, 0.0, yaw))
+    seen = np.isfinite(scan.ranges_m)
+    x = 1.0 + 0.3 * math.cos(yaw) - 0.2 * math.sin(yaw)
+    wall = x + scan.ranges_m * np.cos(scan.angles_rad + yaw)
+    assert wall[seen] == pytest.approx(3.0, abs=1e-9)

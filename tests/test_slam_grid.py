@@ -226,6 +226,25 @@ def test_a_bad_prior_is_made_good_by_the_search():
     assert fix.pose == pytest.approx([0, 0, 0], abs=8e-3)
 
 
+def test_a_sweep_is_laid_out_by_the_ages_of_its_beams():
+    """The robot moves and turns during the sweep; seen from its end, the walls are straight."""
+    start, end, t_ns = np.array([-0.2, 0.1, 0.1]), np.array([0.1, -0.1, 0.6]), 500_000_000
+    age_ns = np.arange(359, -1, -1, dtype=np.int64) * 277_777
+    poses = end + (start - end) * (age_ns / 1e8)[:, None]
+    ranges = np.array([SQUARE.ranges(pose)[i] for i, pose in enumerate(poses)])
+    scan = LidarScan(t_ns, ANGLES, ranges, age_ns, 0.15, 12.0)
+    trail_ns = t_ns - np.arange(10, -1, -1) * 10_000_000
+    trail = end + (start - end) * ((t_ns - trail_ns) / 1e8)[:, None]
+    slam = GridSlam(CONFIG, VehicleConfig(), LASER)
+    slam.match(scan, trail_ns, trail, end, 1e-6 * np.eye(3))
+    slam.insert(scan, end)
+    cos, sin = math.cos(end[2]), math.sin(end[2])
+    points = slam.points_m @ np.array([[cos, sin], [-sin, cos]]) + end[:2]
+    on_plank = np.abs((points - [0.5, 1.0]) @ [0.3, 0.5]) < 1e-6
+    assert on_plank.sum() > 10
+    np.testing.assert_allclose(np.abs(points[~on_plank]).max(axis=1), WALL, atol=1e-6)
+
+
 def test_a_scan_of_another_place_does_not_fit():
     slam = mapped(SQUARE, [(0, 0, 0)] * 3)
     elsewhere = Room((0.6, -3, 0.6, 3), (-0.9, -3, -0.9, 3))

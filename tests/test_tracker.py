@@ -161,3 +161,97 @@ def test_speed_is_lower_in_bends_and_near_obstacles():
     braking = np.diff(profile**2) / (2 * np.diff(path.arc_m))
     assert braking.min() >= -CONFIG.max_decel_mps2 - 1e-6
     assert math.isclose(profile.max(), CONFIG.max_speed_mps, rel_tol=1e-6)
+
+
+def at_pose(x, y, yaw, t_s=0.0):
+    state = np.zeros(7)
+    state[:3], state[GAUGE] = (x, y, yaw), K
+    return Estimate(round(t_s * 1e9), state, np.eye(7))
+
+
+def straight_tracker():
+    """On a long, straight path along x, at full speed."""
+    tracker = tracker_to((9, 9))
+    tracker.follow(smooth([(-2, 0), (2.5, 0.0)], (-2, 0, 0)), K)
+    tracker.overrule(CONFIG.max_speed_mps, 0.0)
+    tracker._at = len(tracker.path.arc_m) // 2
+    return tracker
+
+
+@pytest.mark.parametrize(
+    ("y", "yaw"), [(0.05, 0.0), (-0.05, 0.0), (0.0, 0.1), (0.0, -0.1), (0.02, -0.2), (-0.03, 0.3)]
+)
+def test_errors_are_steered_away_by_samsons_law(y, yaw):
+    tracker = straight_tracker()
+    x = tracker.path.xy_m[tracker._at, 0]
+    speed, rate, mode = tracker.velocity(at_pose(x, y, yaw))
+    v = CONFIG.max_speed_mps
+    sinc = math.sin(yaw) / yaw if yaw else 1.0
+    wanted = -v * (CONFIG.lateral_gain_1pm2 * y * sinc + CONFIG.heading_gain_1pm * yaw)
+    step = CONFIG.max_yaw_accel_radps2 * 0.01
+    assert mode == "follow"
+    assert rate == pytest.approx(np.clip(wanted, -step, step))
+    assert speed == pytest.approx(max(v * math.cos(yaw), v - 2 * CONFIG.max_decel_mps2 * 0.01))
+
+
+def test_turning_on_the_spot_begins_late_and_ends_early():
+    tracker = straight_tracker()
+    x = tracker.path.xy_m[tracker._at, 0]
+    for yaw, turning in ((0.75, False), (0.85, True), (0.3, True), (0.16, True), (0.14, False),
+                         (0.3, False), (-0.85, True), (-0.1, False)):  # fmt: skip
+        _, rate, mode = tracker.velocity(at_pose(x, 0.0, yaw))
+        assert (mode == "turn") == turning
+    for _ in range(60):
+        _, rate, _ = tracker.velocity(at_pose(x, 0.0, 2.0))
+    assert rate == -CONFIG.max_yaw_rate_radps
+
+
+@pytest.mark.parametrize(("off", "arrived"), [(0.069, True), (0.071, False)])
+def test_it_has_arrived_a_margin_inside_the_tolerance(off, arrived):
+    tracker = tracker_to((1.0, 0.0), 0.10)
+    tracker.follow(smooth([(0, 0), (1.0, 0.0)], (0, 0, 0)), K)
+    tracker.velocity(at_pose(1.0, off, 0.0))
+    assert tracker.arrived == arrived
+
+
+def test_the_motor_loops_law():
+    """Back EMF and gear friction ahead, the angle that lacks behind; nothing kept while at rest."""
+    loop = MotorLoop(CONFIG, MOTOR, ENCODER, 0.01)
+    count = 2 * math.pi / ENCODER.counts_per_turn
+    ahead = MOTOR.back_emf_v_per_radps * 4.0 + MOTOR.resistance_ohm * MOTOR.no_load_current_a
+    assert loop.voltage(4.0, 100) == pytest.approx(ahead + 20.0 * 0.04)  # one period's angle lacks
+    assert loop.voltage(4.0, 103) == pytest.approx(ahead + 20.0 * (0.08 - 3 * count))
+    assert loop.voltage(0.0, 104) == 0.0
+    assert loop.voltage(-4.0, 104) == pytest.approx(-ahead - 20.0 * 0.04)
+    for _ in range(100):
+        volts = loop.voltage(4.0, 104)
+    assert volts == pytest.approx(ahead + 20.0 * CONFIG.angle_error_limit_rad)
+    assert loop.voltage(100.0, 104) == MOTOR.supply_v and loop.voltage(-100.0, 104) == -MOTOR.supply_v
+
+
+def test_a_recovery_backs_off_so_far_turns_so_much_and_the_other_way_next_time():
+    recovery, turns = Recovery(CONFIG), []
+    for attempt in (1, 2):
+        recovery.start(at_pose(1.0, 0.0, 3.0))
+        assert recovery.active and recovery.attempts == attempt
+        backed = recovery.velocity(at_pose(1.0 + CONFIG.back_off_m - 0.01, 0.0, 3.0, 1.0))
+        assert backed == (-CONFIG.back_off_mps, 0.0, "back_off")
+        speed, rate, mode = recovery.velocity(at_pose(1.0 + CONFIG.back_off_m, 0.0, 3.0, 2.0))
+        assert (speed, mode) == (0.0, "recovery_turn")
+        turns.append(rate)
+        # Beyond pi the yaw has wrapped: 0.49 rad round is not yet enough, 0.51 is.
+        assert recovery.velocity(at_pose(1.25, 0.0, 3.49 - 2 * math.pi, 2.5))[2] == "recovery_turn"
+        assert recovery.velocity(at_pose(1.25, 0.0, 3.51 - 2 * math.pi, 2.6))[2] == "stop"
+        assert not recovery.active
+    assert turns[0] == -turns[1] != 0.0
+
+
+def test_progress_keeps_a_slow_robot_from_being_stuck():
+    for step in ((0.0002, 0.0, 0.0), (0.0, 0.0, 0.001)):  # 2 cm and 0.1 rad a second
+        recovery = Recovery(CONFIG)
+        assert not any(
+            recovery.watch(at_pose(*(k * np.array(step)), 0.01 * k), True) for k in range(1000)
+        )
+    recovery = Recovery(CONFIG)
+    crawl = (0.00005, 0.0, 0.0)
+    assert any(recovery.watch(at_pose(*(k * np.array(crawl)), 0.01 * k), True) for k in range(1000))

@@ -147,3 +147,34 @@ def test_the_compiled_brush_is_its_plain_twin(z, slip, load):
     np.testing.assert_allclose(moved, expected_z, atol=1e-12)
     np.testing.assert_allclose(force, expected, atol=1e-9)
     assert np.linalg.norm(force) <= p.friction * load * (1 + 1e-9)
+
+
+def test_on_a_slope_the_load_moves_downhill_by_the_centre_of_masss_height():
+    """Statics: the support's centre lies where gravity through the centre of mass meets it."""
+    pitch = 0.2
+    plant = plant_on_plane(pitch_rad=pitch)
+    drive(plant, (0.0, 0.0), 1.0)
+    model, data, load = plant.model, plant.data, plant.tracks.load
+    wheels = [f"road_{side}_{i}" for side in ("left", "right") for i in range(6)]
+    x = np.array([data.geom_xpos[model.geom(name).id][0] for name in wheels])
+    com = data.subtree_com[model.body("base_link").id]
+    assert load.sum() == pytest.approx(WEIGHT_N * math.cos(pitch), rel=1e-3)
+    assert load @ x / load.sum() == pytest.approx(com[0] - com[2] * math.tan(pitch), abs=1e-3)
+
+
+def test_at_an_even_speed_the_motors_pay_for_gears_and_rolling_alone():
+    tracks, motor = TracksConfig(rolling_resistance=0.05), MotorConfig()
+    truth = drive(plant_on_plane(Config(tracks=tracks)), (12.0, 12.0), 3.0)
+    rolling = 0.05 * WEIGHT_N * VEHICLE.sprocket_radius_m
+    gears = 2 * motor.no_load_current_a * motor.torque_nm_per_a
+    torque = truth.motor_current_a.sum() * motor.torque_nm_per_a
+    assert torque == pytest.approx(gears + rolling, rel=0.02)
+
+
+def test_a_wheel_in_the_air_forgets_its_shear():
+    plant = plant_on_plane()
+    drive(plant, (12.0, 12.0), 0.1)
+    assert np.abs(plant.tracks.shear).max() > 1e-5
+    plant.data.qpos[2] += 0.2
+    drive(plant, (0.0, 0.0), 0.01)
+    assert not plant.tracks.shear.any() and not plant.tracks.load.any()
