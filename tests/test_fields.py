@@ -1,4 +1,4 @@
-"""Look-ups in the map: distances between cells, obstacles as discs, the search for a scan's place."""
+"""Look-ups in the map: distances between cells, obstacles as discs, the place of a scan."""
 
 from __future__ import annotations
 
@@ -123,7 +123,8 @@ def test_the_search_takes_the_first_of_the_likeliest_poses(seed):
     rng = np.random.default_rng(seed)
     likelihood = rng.uniform(0, 1, (12, 19)).astype(np.float32)
     corner, cell = rng.uniform(-2, 2, 2), 0.1
-    points, prior = rng.uniform(-0.5, 0.5, (15, 2)), np.array([*(corner + [0.9, 0.6]), 0.4])
+    points = rng.uniform(-0.5, 0.5, (15, 2))
+    prior = np.array([corner[0] + 0.9, corner[1] + 0.6, 0.4])
     offsets = np.vstack([rng.uniform(-0.3, 0.3, (20, 3)), np.zeros((1, 3))])
     offsets = np.vstack([offsets, offsets])  # each twice: the first must be taken
     scores = []
@@ -142,7 +143,7 @@ def test_each_beam_is_placed_from_the_pose_of_its_own_instant(seed, rays):
     """Straight motion with an even turn between the trail's poses; the mount may be anywhere."""
     rng = np.random.default_rng(seed)
     times = np.cumsum(rng.integers(5, 15, 12)).astype(np.int64) * 1_000_000
-    trail = np.cumsum(rng.uniform(-0.05, 0.05, (12, 3)), axis=0) + [3.0, -2.0, math.pi]
+    trail = np.array([3.0, -2.0, math.pi]) + np.cumsum(rng.uniform(-0.05, 0.05, (12, 3)), axis=0)
     mount = rng.uniform(-0.3, 0.3, 3)
     angles, ranges = rng.uniform(-4, 4, rays), rng.uniform(0.0, 5.0, rays)
     ranges[rng.random(rays) < 0.1] = np.inf

@@ -1,8 +1,9 @@
-"""Paths coded as lines: there and back, the lines' own geometry, and what is left out near a path."""
+"""Paths coded as lines: there and back, the lines' own geometry, what is left out near a path."""
 
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -144,7 +145,7 @@ def test_what_no_path_of_the_corridor_comes_near_can_be_left_out(seed, points):
     p = make_problem(disc_world(discs, BOX), start, path[-1], safe_m=SAFE, overhang_m=0.16)
     near = nearby(p, path, points)
     t = np.linspace(0.0, 1.0, 400)[:, None]
-    dense = np.vstack([a + t * (b - a) for a, b in zip(path[:-1], path[1:], strict=True)])
+    dense = np.vstack([a + t * (b - a) for a, b in pairwise(path)])
     apart = np.hypot(*(dense[:, None] - discs[:, :2]).transpose(2, 0, 1)).min(axis=0)
     reach = discs[:, 2] + SAFE + 0.16 + CORRIDOR_M
     kept = {tuple(disc) for disc in np.column_stack([near.disc_x, near.disc_y, near.disc_r])}

@@ -176,7 +176,8 @@ def test_a_signature_tells_on_which_side_each_blocked_region_is_passed(seed):
     labels, count = ndimage.label(lattice.weight >= _BLOCKED, np.ones((3, 3)))
     # Of each region one node; a way through none of them cannot go round a part of a region.
     of_region = [nodes[np.flatnonzero(labels.ravel() == k + 1)[0]] for k in range(count)]
-    p = problem_of(disc_world(np.zeros((0, 3)), BOX), np.array([*nodes[source], 0.0]), nodes[target])
+    start = np.array([*nodes[source], 0.0])
+    p = problem_of(disc_world(np.zeros((0, 3)), BOX), start, nodes[target])
     ways, signatures, signature = [], [], code_behind - code_ahead
     for v in np.flatnonzero(ahead.astype(float) + behind <= far):
         chain = np.empty((2 * len(nodes), 2))
@@ -210,13 +211,14 @@ def routes_of(p, most=12, nodes=4000):
 
 
 def test_both_ways_round_an_obstacle_are_found_the_shorter_first():
-    p = problem_of(disc_world([[2.5, 2.4, 0.4]], BOX), np.array([0.5, 2.5, 0]), np.array([4.5, 2.5]))
+    start, goal = np.array([0.5, 2.5, 0.0]), np.array([4.5, 2.5])
+    p = problem_of(disc_world([[2.5, 2.4, 0.4]], BOX), start, goal)
     ways, costs = routes_of(p)
     assert len(ways) == 2 and costs[0] < costs[1]
     above, below = (np.interp(2.5, way[:, 0], way[:, 1]) for way in ways)
     assert above > 2.4 + 0.4 and below < 2.4 - 0.4
     for way in ways:
-        assert np.array_equal(way[0], [0.5, 2.5]) and np.array_equal(way[-1], [4.5, 2.5])
+        assert np.array_equal(way[0], start[:2]) and np.array_equal(way[-1], goal)
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -85,7 +85,8 @@ def test_the_generator_is_splitmix64():
     assert [uniform(state) for _ in range(100)] == [plain.uniform() for _ in range(100)]
     assert [below(state, 7) for _ in range(100)] == [plain.below(7) for _ in range(100)]
     drawn = np.array([normal(state) for _ in range(20000)])
-    assert drawn.mean() == pytest.approx(0.0, abs=0.03) and drawn.std() == pytest.approx(1, rel=0.03)
+    assert drawn.mean() == pytest.approx(0.0, abs=0.03)
+    assert drawn.std() == pytest.approx(1.0, rel=0.03)
     assert (drawn**4).mean() == pytest.approx(3.0, rel=0.1)
 
 

@@ -99,7 +99,8 @@ def test_the_motor_loop_makes_the_counts_come():
     loops, encoders = [MotorLoop(CONFIG, MOTOR, ENCODER, 0.01) for _ in range(2)], Encoders(ENCODER)
     for _ in range(300):
         reading = encoders.read(truth)
-        volts = (loops[0].voltage(5.0, reading.left_counts), loops[1].voltage(5.0, reading.right_counts))
+        counts = (reading.left_counts, reading.right_counts)
+        volts = [loop.voltage(5.0, count) for loop, count in zip(loops, counts, strict=True)]
         truth = plant.step(np.array(volts))
     assert truth.sprocket_radps == pytest.approx(5.0, rel=0.02)
     assert truth.sprocket_rad[0] == pytest.approx(15.0, abs=CONFIG.angle_error_limit_rad)
@@ -226,7 +227,8 @@ def test_the_motor_loops_law():
     for _ in range(100):
         volts = loop.voltage(4.0, 104)
     assert volts == pytest.approx(ahead + 20.0 * CONFIG.angle_error_limit_rad)
-    assert loop.voltage(100.0, 104) == MOTOR.supply_v and loop.voltage(-100.0, 104) == -MOTOR.supply_v
+    assert loop.voltage(100.0, 104) == MOTOR.supply_v
+    assert loop.voltage(-100.0, 104) == -MOTOR.supply_v
 
 
 def test_a_recovery_backs_off_so_far_turns_so_much_and_the_other_way_next_time():
