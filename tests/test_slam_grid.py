@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -61,8 +62,8 @@ SQUARE = Room(
 CORRIDOR = Room((-40, -0.8, 40, -0.8), (-40, 0.8, 40, 0.8))
 
 
-def mapped(room, poses, seed=0) -> GridSlam:
-    slam, rng = GridSlam(CONFIG, VehicleConfig(), LASER), np.random.default_rng(seed)
+def mapped(room, poses, seed=0, config=CONFIG) -> GridSlam:
+    slam, rng = GridSlam(config, VehicleConfig(), LASER), np.random.default_rng(seed)
     for i, pose in enumerate(poses):
         slam.insert(room.scan(np.array(pose, float), rng, i), np.array(pose, float))
     return slam
@@ -217,6 +218,9 @@ def test_a_scan_finds_its_place_to_a_fraction_of_a_cell():
         fix = match(slam, SQUARE, (0.05, -0.03, 0.02), (0.03, -0.02, 0.01), seed)
         assert fix.ok
         assert fix.pose == pytest.approx([0.05, -0.03, 0.02], abs=6e-3)
+        # However many points agree, a fix is never surer than the cells' grain lets it be.
+        least = [CONFIG.match_std_xy_m, CONFIG.match_std_xy_m, CONFIG.match_std_yaw_rad]
+        assert np.all(np.linalg.eigvalsh(fix.covariance - np.diag(np.square(least))) > 0.0)
 
 
 def test_a_bad_prior_is_made_good_by_the_search():
@@ -249,6 +253,16 @@ def test_a_scan_of_another_place_does_not_fit():
     slam = mapped(SQUARE, [(0, 0, 0)] * 3)
     elsewhere = Room((0.6, -3, 0.6, 3), (-0.9, -3, -0.9, 3))
     assert not match(slam, elsewhere, (0, 0, 0), (0, 0, 0)).ok
+
+
+def test_a_scan_that_lies_all_about_its_surfaces_does_not_fit():
+    """Every point has a surface near it, and is twice the grain off: too much for a strict gate."""
+    ranges = SQUARE.ranges(np.zeros(3)) + 0.02 * np.random.default_rng(3).choice([-1.0, 1.0], 360)
+    scan = LidarScan(10**9, ANGLES, ranges, np.zeros(360, np.int64), 0.15, 12.0)
+    for most, ok in ((5.0, True), (2.0, False)):
+        slam = mapped(SQUARE, [(0, 0, 0)] * 3, config=replace(CONFIG, most_residual=most))
+        fix = slam.match(scan, np.array([10**9]), np.zeros((1, 3)), np.zeros(3), 1e-4 * np.eye(3))
+        assert fix.ok == ok and fix.score > 0.95
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.6, math.pi / 2])
