@@ -353,6 +353,31 @@ def test_the_planners_distances_are_those_to_the_surfaces():
         assert -1e-5 <= view.distance_m[row, col] - nearest < 0.05
 
 
+def test_a_view_tells_what_has_come_into_the_map_since_the_last_one():
+    slam = mapped(SQUARE, [(0, 0, 0)] * 3)
+    goal = np.array([1.0, 1.0])
+    before = slam.view(0, goal)
+    post = Room(*SQUARE.segments, (-1.02, -0.2, -1.02, 0.2))
+    for i in range(3):
+        slam.insert(post.scan(np.zeros(3), None, 8 + i), np.zeros(3))
+    after = slam.view(1, goal)
+    col, row = np.floor((np.array([-1.02, 0.0]) - slam.origin_m) / slam.resolution_m).astype(int)
+    assert before.distance_m[row, col] > 0.8
+    assert after.distance_m[row, col] < slam.resolution_m
+    assert len(after.discs_xyr_m) == len(before.discs_xyr_m) + 1
+
+
+@pytest.mark.parametrize("goal", [(9.0, 0.5), (-9.0, -8.0), (0.5, 7.0), (0.3, -0.2)])
+def test_a_view_reaches_over_the_map_and_beyond_the_goal(goal):
+    slam = mapped(SQUARE, [(0, 0, 0)])
+    low, high = np.split(slam.view(0, np.array(goal)).bounds_m, 2)
+    size = slam.resolution_m * np.array(slam.occupied.shape[::-1])
+    expected = np.array([slam.origin_m, slam.origin_m + size])
+    beyond = np.array(goal) + CONFIG.beyond_m * np.array([[-1.0], [1.0]])
+    np.testing.assert_allclose(low, np.minimum(expected[0], beyond[0]))
+    np.testing.assert_allclose(high, np.maximum(expected[1], beyond[1]))
+
+
 def path_along_x():
     x = np.arange(0.0, 3.0, 0.02)
     return np.stack((x, 0 * x), axis=1), 0 * x, np.full(len(x), 0.5)
