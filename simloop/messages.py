@@ -84,7 +84,7 @@ class ImuReading(_Message):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LidarScan(_Message):
-    """One full turn. Beam i was cast at ``t_ns - age_ns[i]``, from the laser's pose of that instant.
+    """One full turn. Beam i was cast at ``t_ns - age_ns[i]``, from the laser's pose then.
 
     angles_rad: (N,) in the laser frame; ranges_m: (N,), inf where nothing came back;
     age_ns: (N,) int64, how long before ``t_ns`` (the end of the turn) the beam was cast.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -39,7 +40,7 @@ def test_it_slows_before_an_obstacle_and_stops_at_it():
         for gap in (0.5, 0.15, 0.08, 0.03, 0.011)
     ]
     assert speeds[0] == 0.45
-    assert all(a >= b for a, b in zip(speeds, speeds[1:], strict=False))
+    assert all(a >= b for a, b in pairwise(speeds))
     assert speeds[-1] == 0.0
 
 

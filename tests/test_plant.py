@@ -45,7 +45,7 @@ def test_rays_measure_the_walls_and_not_the_robot():
     ranges = plant.cast(origins, directions, 50.0)
     assert np.all((ranges > 0.4) | (ranges == -1.0))
     assert np.any(ranges > 0.0)
-    ahead = plant.cast(origins + [0.5, 0, 0], directions, 50.0)
+    ahead = plant.cast(origins + np.array([0.5, 0.0, 0.0]), directions, 50.0)
     assert ranges[36] - ahead[36] == pytest.approx(0.5, abs=1e-6)
     assert np.all(plant.cast(origins, directions, 0.3) == -1.0)
 
