@@ -20,7 +20,14 @@ from filterpy.kalman import ExtendedKalmanFilter
 from scipy.special import chdtri
 
 from simloop.config import EkfConfig, EncoderConfig, ImuConfig, VehicleConfig
-from simloop.ekf_model import BIAS, GAUGE, YAW, predict_and_correct, squared_mahalanobis
+from simloop.ekf_model import (
+    BIAS,
+    GAUGE,
+    YAW,
+    predict_and_correct,
+    squared_mahalanobis,
+    with_pose_error,
+)
 from simloop.messages import EncoderReading, Estimate, FloatArray, ImuReading, PoseFix
 from simloop.se2 import wrap_angle
 
@@ -131,8 +138,7 @@ class Ekf:
 
     def estimate(self) -> Estimate:
         """The belief now."""
-        covariance = self._filter.P.copy()
-        covariance[:3, :3] += self._map_error
+        covariance = with_pose_error(self._filter.P, self._map_error)
         # The filter makes a new x at each step, and never writes into one that it gave away.
         return Estimate(self._t_ns, self._filter.x, covariance)
 

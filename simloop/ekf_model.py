@@ -123,6 +123,16 @@ def sandwich(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 @njit(cache=True)
+def with_pose_error(covariance: FloatArray, error: FloatArray) -> FloatArray:
+    """covariance (7, 7) with an independent error of the pose, (3, 3), on top; a new array."""
+    out = covariance.copy()
+    for i in range(3):
+        for j in range(3):
+            out[i, j] += error[i, j]
+    return out
+
+
+@njit(cache=True)
 def inverse_3(a: FloatArray) -> FloatArray:
     """The inverse of a symmetric, positive definite a (3, 3), by its cofactors."""
     out = np.empty((3, 3))

@@ -126,7 +126,7 @@ def surface_distance(
     resolution: float,
     distance: NDArray[np.float32],
 ) -> None:
-    """Distance (rows, cols), m, of each cell's centre to the hit mean of the occupied cell nearest it.
+    """Distance (rows, cols), m, of each cell's centre to the hit mean of the nearest occupied cell.
 
     labels: (rows, cols) number of that cell, from 1; places: (n + 1, 2) its hit mean, m from the
     grid's lower left corner.

@@ -36,7 +36,7 @@ def _cover(cols: np.ndarray, rows: np.ndarray, resolution_m: float) -> list[tupl
     else:
         key = (rows // tile) * (cols.max() + tile) + cols // tile
         groups = [key == value for value in np.unique(key)]
-    discs = []
+    discs: list[tuple[float, ...]] = []
     for group in groups:
         centres = (np.column_stack((cols[group], rows[group])) + 0.5).astype(np.float32)
         (x, y), radius = cv2.minEnclosingCircle(centres)

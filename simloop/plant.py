@@ -87,14 +87,19 @@ def carry_ranges(
 
 @njit(cache=True)
 def body_motion(
-    qpos: FloatArray, qvel: FloatArray, rotation: FloatArray, before: FloatArray, period_s: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Planar pose (3,), velocity in base_link (6,) and mean proper acceleration there (3,).
+    qpos: FloatArray,
+    qvel: FloatArray,
+    rotation: FloatArray,
+    before: FloatArray,
+    period_s: float,
+    pose: FloatArray,
+    velocity: FloatArray,
+    acceleration: FloatArray,
+) -> None:
+    """Write the planar pose (3,), velocity in base_link (6,), mean proper acceleration there (3,).
 
-    qpos, qvel: MuJoCo's, the vehicle's free joint first; rotation: (9,) world_from_base;
-    before: (3,) world velocity one period ago.
+    The arguments before are those of ``motion_now``.
     """
-    pose, velocity, acceleration = np.empty(3), np.empty(6), np.empty(3)
     w, x, y, z = qpos[3], qpos[4], qpos[5], qpos[6]
     pose[0], pose[1] = qpos[0], qpos[1]
     pose[2] = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
@@ -104,7 +109,40 @@ def body_motion(
         for k in range(3):
             velocity[i] += rotation[3 * k + i] * qvel[k]
             acceleration[i] += rotation[3 * k + i] * (qvel[k] - before[k]) / period_s
-    return pose, velocity, acceleration
+
+
+# Where each array of a Truth stands in the one block that the kernel fills.
+_POSE, _VELOCITY, _ACCELERATION = slice(0, 3), slice(3, 9), slice(9, 12)
+_POSITION, _QUATERNION = slice(12, 15), slice(15, 19)
+_ANGLE, _TURNING = slice(19, 21), slice(21, 23)
+_CURRENT, _VOLTAGE = slice(23, 25), slice(25, 27)
+
+
+@njit(cache=True)
+def motion_now(
+    qpos: FloatArray,
+    qvel: FloatArray,
+    sprocket_qpos: NDArray[np.int64],
+    sprocket_dof: NDArray[np.int64],
+    current: FloatArray,
+    voltage: FloatArray,
+    rotation: FloatArray,
+    before: FloatArray,
+    period_s: float,
+) -> FloatArray:
+    """(27,) all arrays of a Truth in one block, see the slices above.
+
+    qpos, qvel: MuJoCo's, the vehicle's free joint first; sprocket_*: (2,) where the sprockets
+    are in them; rotation: (9,) world_from_base; before: (3,) world velocity one period ago.
+    """
+    block = np.empty(27)
+    body_motion(qpos, qvel, rotation, before, period_s, block[:3], block[3:9], block[9:12])
+    block[12:19] = qpos[:7]
+    for side in range(2):
+        block[19 + side] = qpos[sprocket_qpos[side]]
+        block[21 + side] = qvel[sprocket_dof[side]]
+        block[23 + side], block[25 + side] = current[side], voltage[side]
+    return block
 
 
 class Plant:
@@ -238,20 +276,28 @@ class Plant:
 
         The proper acceleration is the mean over that period, as an averaging sensor has it.
         """
-        pose, velocity, acceleration = body_motion(
-            self._qpos, self._qvel, self._body.rotation, velocity_before, self._period_s
+        block = motion_now(
+            self._qpos,
+            self._qvel,
+            self._sprocket_qpos,
+            self._sprocket_dof,
+            self._state.current,
+            self._voltage,
+            self._body.rotation,
+            velocity_before,
+            self._period_s,
         )
         return Truth(
             t_ns=self.t_ns,
-            pose_xyyaw=pose,
-            position_m=self._qpos[:3].copy(),
-            quaternion_wxyz=self._qpos[3:7].copy(),
-            velocity_body=velocity,
-            acceleration_mps2=acceleration,
-            sprocket_rad=self._qpos[self._sprocket_qpos],
-            sprocket_radps=self._qvel[self._sprocket_dof],
-            motor_current_a=self._state.current.copy(),
-            motor_voltage_v=self._voltage.copy(),
+            pose_xyyaw=block[_POSE],
+            position_m=block[_POSITION],
+            quaternion_wxyz=block[_QUATERNION],
+            velocity_body=block[_VELOCITY],
+            acceleration_mps2=block[_ACCELERATION],
+            sprocket_rad=block[_ANGLE],
+            sprocket_radps=block[_TURNING],
+            motor_current_a=block[_CURRENT],
+            motor_voltage_v=block[_VOLTAGE],
             energy_j=float(self._state.work[0]),
             contact_count=self._contacts,
             in_contact=self._touching,

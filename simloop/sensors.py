@@ -7,7 +7,7 @@ moves. Each owns its random generator; none keeps more of the truth than its own
 from __future__ import annotations
 
 import math
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numba import njit
@@ -27,8 +27,9 @@ class Encoders:
 
     def read(self, truth: Truth) -> EncoderReading:
         """The counts at ``truth``'s instant."""
-        left, right = (math.floor(angle * self._counts_per_rad) for angle in truth.sprocket_rad)
-        return EncoderReading(truth.t_ns, left, right)
+        left, right = truth.sprocket_rad.tolist()
+        scale = self._counts_per_rad
+        return EncoderReading(truth.t_ns, math.floor(left * scale), math.floor(right * scale))
 
 
 class Imu:
@@ -44,22 +45,33 @@ class Imu:
         noise = white * six(config.gyro_noise_radps_rthz, config.accel_noise_mps2_rthz)
         steps = walk * six(config.gyro_bias_walk_radps_rts, config.accel_bias_walk_mps2_rts)
         bias = six(config.gyro_bias_radps, config.accel_bias_mps2)
-        self.bias = bias * rng.standard_normal(6)
-        self._scale = np.stack((steps, noise))
-        self._steps, self._drawn = np.empty((_DRAWS, 2, 6)), _DRAWS
+        self._steps, self._noise = steps, noise
+        self._biases = (bias * rng.standard_normal(6))[None]
+        self._errors, self._drawn = np.empty((0, 2, 3)), 0
+
+    @property
+    def bias(self) -> FloatArray:
+        """(6,) of gyro, rad/s, and accelerometer, m/s^2, as it was at the last reading."""
+        return self._biases[self._drawn]
 
     def read(self, truth: Truth) -> ImuReading:
         """Rates and proper acceleration at ``truth``'s instant, in the imu frame."""
-        if self._drawn == _DRAWS:  # many at once: the same numbers in the same order, and cheaper
-            self._steps = self._scale * self._rng.standard_normal((_DRAWS, 2, 6))
-            self._drawn = 0
-        step, noise = self._steps[self._drawn]
+        if self._drawn == len(self._errors):
+            self._draw()
+        gyro, accel = self._errors[self._drawn]
         self._drawn += 1
-        self.bias += step
-        error = self.bias + noise
         return ImuReading(
-            truth.t_ns, truth.velocity_body[3:] + error[:3], truth.acceleration_mps2 + error[3:]
+            truth.t_ns, truth.velocity_body[3:] + gyro, truth.acceleration_mps2 + accel
         )
+
+    def _draw(self) -> None:
+        """Many readings' errors at once: the same numbers in the same order, and cheaper."""
+        drawn = self._rng.standard_normal((_DRAWS, 2, 6))
+        self._biases = np.cumsum(
+            np.concatenate((self.bias[None], self._steps * drawn[:, 0])), axis=0
+        )
+        errors = self._biases[1:] + self._noise * drawn[:, 1]
+        self._errors, self._drawn = errors.reshape(_DRAWS, 2, 3), 0
 
 
 class RayCaster(Protocol):
@@ -68,6 +80,22 @@ class RayCaster(Protocol):
     def cast(self, origins_m: FloatArray, directions: FloatArray, cutoff_m: float) -> FloatArray:
         """Ranges (n,) along unit ``directions`` (n, 3) from ``origins_m`` (n, 3); -1: nothing."""
         ...
+
+
+class _Part(NamedTuple):
+    """What one control period has of a turn: its beams, as views into the whole turn's arrays.
+
+    since_ns: the period's start in the turn; last: the first beam after it; fractions: (n,) of
+    the period at each beam.
+    """
+
+    since_ns: int
+    last: int
+    fractions: FloatArray
+    angles: FloatArray
+    origins: FloatArray
+    directions: FloatArray
+    ranges: FloatArray
 
 
 class Lidar:
@@ -94,30 +122,27 @@ class Lidar:
         self._origins = np.empty((config.rays, 3))
         self._directions = np.empty((config.rays, 3))
         self._next = 0
+        self._parts: dict[tuple[int, int], _Part] = {}
 
     def sweep(self, before: Truth, now: Truth, world: RayCaster) -> LidarScan | None:
         """Cast the beams that fell between two truths; the scan when its turn is full."""
         start_ns = before.t_ns - before.t_ns % self._period_ns
-        first = self._next
-        last = int(self._due_ns.searchsorted(now.t_ns - start_ns, side="right"))
-        beams = slice(first, last)
-        span = now.t_ns - before.t_ns
+        part = self._part(before.t_ns - start_ns, now.t_ns - start_ns)
+        origins, directions = part.origins, part.directions
         beam_rays(
             before.position_m,
             before.quaternion_wxyz,
             now.position_m,
             now.quaternion_wxyz,
-            (self._due_ns[beams] - (before.t_ns - start_ns)) / span,
-            self._angles[beams],
+            part.fractions,
+            part.angles,
             self._mount,
-            self._origins[beams],
-            self._directions[beams],
+            origins,
+            directions,
         )
-        self._ranges[beams] = world.cast(
-            self._origins[beams], self._directions[beams], self._config.range_max_m
-        )
-        self._next = last
-        if last < self._config.rays:
+        part.ranges[:] = world.cast(origins, directions, self._config.range_max_m)
+        self._next = part.last
+        if part.last < self._config.rays:
             return None
         self._next = 0
         return LidarScan(
@@ -128,6 +153,24 @@ class Lidar:
             self._config.range_min_m,
             self._config.range_max_m,
         )
+
+    def _part(self, since_ns: int, until_ns: int) -> _Part:
+        """The beams from the next one on until an instant of the turn; turns are all alike."""
+        key = (self._next, until_ns)
+        part = self._parts.get(key)
+        if part is None or part.since_ns != since_ns:
+            last = int(self._due_ns.searchsorted(until_ns, side="right"))
+            beams = slice(self._next, last)
+            part = self._parts[key] = _Part(
+                since_ns,
+                last,
+                (self._due_ns[beams] - since_ns) / (until_ns - since_ns),
+                self._angles[beams],
+                self._origins[beams],
+                self._directions[beams],
+                self._ranges[beams],
+            )
+        return part
 
     def _perceive(self) -> FloatArray:
         """Noise and drop-outs on the true ranges; what is out of reach comes back as inf."""

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from simloop.config import SlamConfig, VehicleConfig
+from simloop.ekf_model import inverse_3
 from simloop.grid_kernels import placed_bounds, surface_distance, trace_scan
 from simloop.messages import FloatArray, LidarScan, PoseFix, WorldView
 from simloop.obstacle_discs import discs_of
@@ -19,6 +20,7 @@ from simloop.scan_match import correlate, deskew, refine
 
 _CHUNK = 64  # cells by which the grid grows
 _FIRST_POINTS = 10  # a scan with fewer hits is not matched
+_NEXT_TO_NOTHING = 1e-3 * np.eye(3)  # information where a match has none at all
 _NOWHERE_M = 100.0  # distance reported where the map holds nothing
 
 
@@ -46,6 +48,7 @@ class GridSlam:
         self._distance: np.ndarray | None = None
         self._likelihood: np.ndarray | None = None
         self._offsets = _search_offsets(config)
+        self._floor = np.diag(np.square([config.match_std_xy_m] * 2 + [config.match_std_yaw_rad]))
 
     @property
     def log_odds(self) -> np.ndarray:
@@ -188,10 +191,8 @@ class GridSlam:
         A direction that no surface holds, as along a corridor, has no information and so a large
         variance. The map's own error is not in it: it is the same for one fix after the other.
         """
-        config = self._config
-        floor = np.diag(np.square([config.match_std_xy_m] * 2 + [config.match_std_yaw_rad]))
-        scaled = np.linalg.inv(information + np.diag([1e-3, 1e-3, 1e-3]))
-        covariance = scaled * max(residual, 0.1) + floor
+        scaled = inverse_3(information + _NEXT_TO_NOTHING)
+        covariance = scaled * max(residual, 0.1) + self._floor
         return 0.5 * (covariance + covariance.T)
 
     def _distances(self) -> np.ndarray:

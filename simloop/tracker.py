@@ -10,6 +10,7 @@ speeds with the estimated gauge ratio, so that slip is made good before it happe
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -20,6 +21,37 @@ from simloop.messages import EncoderReading, Estimate, FloatArray, SmoothPath, T
 from simloop.se2 import wrap_angle
 
 _SEARCH_M = 0.5  # how far along the path the nearest point may have moved since last time
+_LEAST_MPS = 0.05  # while a path is followed: no dead start
+YAW, CURVATURE, ARC, SPEED = range(2, 6)  # columns of a path in the kernels, after x and y
+
+
+class TrackingLaw(NamedTuple):
+    """Constants of the control law: limits, gains, and the most that a period may change."""
+
+    max_rate: float
+    speed_up: float
+    slow_down: float
+    turn: float
+    lateral_gain: float
+    heading_gain: float
+    turn_gain: float
+    turn_on_spot: float
+    end_turn: float
+
+
+class DriveLaw(NamedTuple):
+    """Constants of the motor loops and of the tracks that they turn; SI units throughout."""
+
+    gauge: float
+    radius: float
+    most_mps: float
+    period: float
+    rad_a_count: float
+    gain: float
+    error_limit: float
+    back_emf: float
+    friction_v: float
+    supply_v: float
 
 
 @njit(cache=True)
@@ -53,47 +85,126 @@ def speed_profile(
 
 
 @njit(cache=True)
-def nearest_sample(xy: FloatArray, arc: FloatArray, x: float, y: float, start: int) -> int:
-    """Index of the sample (k, 2) nearest to (x, y), at or within ``_SEARCH_M`` after ``start``."""
+def nearest_sample(path: FloatArray, x: float, y: float, start: int) -> int:
+    """Index of the sample of a path (k, 6) nearest to (x, y), from ``start`` ``_SEARCH_M`` on."""
     best, found = 1e18, start
-    for i in range(start, xy.shape[0]):
-        if arc[i] - arc[start] > _SEARCH_M:
+    for i in range(start, path.shape[0]):
+        if path[i, ARC] - path[start, ARC] > _SEARCH_M:
             break
-        d = (xy[i, 0] - x) ** 2 + (xy[i, 1] - y) ** 2
+        d = (path[i, 0] - x) ** 2 + (path[i, 1] - y) ** 2
         if d < best:
             best, found = d, i
     return found
 
 
-class MotorLoop:
-    """Voltage that makes one sprocket turn as asked: the motor's law ahead, counts fed back.
+@njit(cache=True)
+def slew(speed: float, rate: float, law: TrackingLaw, asked: FloatArray) -> None:
+    """Move ``asked`` (2,), m/s and rad/s, towards a velocity as far as one period may bring it."""
+    rate = min(max(rate, -law.max_rate), law.max_rate)
+    step = law.speed_up if abs(speed) > abs(asked[0]) else law.slow_down
+    asked[0] += min(max(speed - asked[0], -step), step)
+    asked[1] += min(max(rate - asked[1], -law.turn), law.turn)
 
-    The error is kept as an angle (what was asked for less the counts that came), which is an
-    integral of the speed error that quantisation cannot disturb.
+
+@njit(cache=True)
+def along(
+    path: FloatArray, i: int, x: float, y: float, off_heading: float, law: TrackingLaw
+) -> tuple[float, float]:
+    """Speed and yaw rate that lead from (x, y) onto a path (k, 6) and along it; i: nearest sample.
+
+    off_heading: the robot's heading less the path's, rad.
     """
+    cos, sin = math.cos(path[i, YAW]), math.sin(path[i, YAW])
+    aside = -sin * (x - path[i, 0]) + cos * (y - path[i, 1])
+    past_end = cos * (x - path[i, 0]) + sin * (y - path[i, 1])
+    if i + 1 < path.shape[0]:  # the profile a control period ahead, and no dead start
+        speed = max(min(path[i, SPEED], path[i + 1, SPEED]), _LEAST_MPS)
+    elif past_end > 0.0:
+        return 0.0, 0.0
+    else:
+        speed = _LEAST_MPS
+    sinc = math.sin(off_heading) / off_heading if abs(off_heading) > 1e-6 else 1.0
+    rate = speed * path[i, CURVATURE]
+    rate -= speed * (law.lateral_gain * aside * sinc + law.heading_gain * off_heading)
+    return speed * max(0.0, math.cos(off_heading)), rate
 
-    def __init__(
-        self, config: TrackerConfig, motor: MotorConfig, encoder: EncoderConfig, period_s: float
-    ) -> None:
-        self._gain, self._limit = config.angle_gain_v_per_rad, config.angle_error_limit_rad
-        self._motor, self._period_s = motor, period_s
-        self._rad_a_count = 2.0 * math.pi / encoder.counts_per_turn
-        self._error = 0.0
-        self._counts: int | None = None
 
-    def voltage(self, asked_radps: float, counts: int) -> float:
-        """V for the sprocket speed asked, rad/s, given the encoder's count."""
-        motor, come = self._motor, counts - (counts if self._counts is None else self._counts)
-        self._counts = counts
-        if asked_radps == 0.0:
-            self._error = 0.0
-            return 0.0
-        error = self._error + asked_radps * self._period_s - come * self._rad_a_count
-        self._error = min(max(error, -self._limit), self._limit)
-        # Gear friction needs its current whenever the sprocket turns.
-        friction_v = math.copysign(motor.resistance_ohm * motor.no_load_current_a, asked_radps)
-        volts = motor.back_emf_v_per_radps * asked_radps + friction_v + self._gain * self._error
-        return min(max(volts, -motor.supply_v), motor.supply_v)
+@njit(cache=True)
+def track(
+    pose: FloatArray, path: FloatArray, at: int, turning: bool, law: TrackingLaw, asked: FloatArray
+) -> tuple[float, float, int, bool]:
+    """One period along a path: speed and yaw rate to ask for, nearest sample, whether it turns.
+
+    pose: x, y, yaw first; path: (k, 6), see ``Tracker.follow``; at, turning: those of a period
+    ago. asked: (2,) the velocity asked for then, which becomes the one asked for now.
+    """
+    x, y = pose[0], pose[1]
+    at = nearest_sample(path, x, y, at)
+    ahead = min(at + 1, path.shape[0] - 1)
+    off_heading = wrap_angle(pose[2] - path[ahead, YAW])
+    turning = abs(off_heading) > (law.end_turn if turning else law.turn_on_spot)
+    if turning:
+        slew(0.0, -law.turn_gain * off_heading, law, asked)
+    else:
+        speed, rate = along(path, at, x, y, off_heading, law)
+        slew(speed, rate, law, asked)
+    return asked[0], asked[1], at, turning
+
+
+@njit(cache=True)
+def sprocket_speeds(
+    speed: float, yaw_rate: float, gauge_m: float, most_mps: float, radius_m: float
+) -> tuple[float, float]:
+    """Left and right sprocket speeds, rad/s, that give a body velocity in spite of slip.
+
+    gauge_m: the effective one, slip included. Where a track would be faster than ``most_mps``,
+    both are scaled: the path's curvature is kept.
+    """
+    half = 0.5 * gauge_m * yaw_rate
+    left, right = speed - half, speed + half
+    scale = min(1.0, most_mps / max(abs(left), abs(right), 1e-9)) / radius_m
+    return left * scale, right * scale
+
+
+@njit(cache=True)
+def motor_voltage(asked: float, come: int, side: int, law: DriveLaw, errors: FloatArray) -> float:
+    """V that make a sprocket turn as asked, rad/s: the motor's law ahead, counts fed back.
+
+    come: the counts since a period ago. errors: (2,) of both sides, rad. An error is kept as an
+    angle (what was asked for less the counts that came), which is an integral of the speed error
+    that quantisation cannot disturb.
+    """
+    if asked == 0.0:
+        errors[side] = 0.0
+        return 0.0
+    error = errors[side] + asked * law.period - come * law.rad_a_count
+    errors[side] = error = min(max(error, -law.error_limit), law.error_limit)
+    # Gear friction needs its current whenever the sprocket turns.
+    volts = law.back_emf * asked + math.copysign(law.friction_v, asked) + law.gain * error
+    return min(max(volts, -law.supply_v), law.supply_v)
+
+
+@njit(cache=True)
+def drive(
+    speed: float,
+    yaw_rate: float,
+    gauge_ratio: float,
+    left_come: int,
+    right_come: int,
+    law: DriveLaw,
+    errors: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Sprocket speeds, rad/s, and motor voltages, (2,) each, that bring a body velocity.
+
+    left_come, right_come: the encoders' counts since a period ago; errors: (2,) the loops' own.
+    """
+    gauge_m = min(max(gauge_ratio, 1.0), 2.0) * law.gauge
+    left, right = sprocket_speeds(speed, yaw_rate, gauge_m, law.most_mps, law.radius)
+    speeds, volts = np.empty(2), np.empty(2)
+    speeds[0], speeds[1] = left, right
+    volts[0] = motor_voltage(left, left_come, 0, law, errors)
+    volts[1] = motor_voltage(right, right_come, 1, law, errors)
+    return speeds, volts
 
 
 class Tracker:
@@ -109,12 +220,24 @@ class Tracker:
         period_s: float,
     ) -> None:
         self._config, self._vehicle, self._safe = config, vehicle, safe_distance_m
-        self._goal, self._period_s = goal, period_s
+        self._goal = (float(goal[0]), float(goal[1]))
         self._arrive_m = max(0.5 * goal_tolerance_m, goal_tolerance_m - config.goal_margin_m)
+        self._law = TrackingLaw(
+            max_rate=config.max_yaw_rate_radps,
+            speed_up=config.max_accel_mps2 * period_s,
+            # Twice what is planned with: room for correction.
+            slow_down=2.0 * config.max_decel_mps2 * period_s,
+            turn=config.max_yaw_accel_radps2 * period_s,
+            lateral_gain=config.lateral_gain_1pm2,
+            heading_gain=config.heading_gain_1pm,
+            turn_gain=config.turn_gain_1ps,
+            turn_on_spot=config.turn_on_spot_rad,
+            end_turn=config.end_turn_rad,
+        )
         self._path: SmoothPath | None = None
-        self._profile = np.empty(0)
+        self._samples = np.empty((0, 6))
         self._at = 0
-        self._speed = self._rate = 0.0
+        self._asked = np.zeros(2)
         self.arrived = False
         self.turning = False
 
@@ -142,9 +265,12 @@ class Tracker:
                 0.5 * gauge_ratio * self._vehicle.gauge_m,
             ]
         )
-        self._path, self._at = path, 0
-        self._profile = speed_profile(
+        profile = speed_profile(
             path.arc_m, path.curvature_1pm, path.clearance_m, self._safe, limits
+        )
+        self._path, self._at = path, 0
+        self._samples = np.column_stack(
+            (path.xy_m, path.yaw_rad, path.curvature_1pm, path.arc_m, profile)
         )
 
     def hold(self) -> None:
@@ -153,74 +279,20 @@ class Tracker:
 
     def velocity(self, estimate: Estimate) -> tuple[float, float, str]:
         """Speed, yaw rate and mode to ask for now, acceleration limits kept."""
-        x, y, yaw = estimate.pose.tolist()
-        if math.dist((x, y), self._goal) <= self._arrive_m:
+        state, asked = estimate.state, self._asked
+        if math.dist((state[0], state[1]), self._goal) <= self._arrive_m:
             self.arrived = True
         if self.arrived or self._path is None:
-            return *self._slew(0.0, 0.0), "arrived" if self.arrived else "stop"
-        path = self._path
-        self._at = nearest_sample(path.xy_m, path.arc_m, x, y, self._at)
-        ahead = min(self._at + 1, len(path.arc_m) - 1)
-        off_heading = wrap_angle(yaw - path.yaw_rad[ahead])
-        self.turning = abs(off_heading) > (
-            self._config.end_turn_rad if self.turning else self._config.turn_on_spot_rad
+            slew(0.0, 0.0, self._law, asked)
+            return float(asked[0]), float(asked[1]), "arrived" if self.arrived else "stop"
+        speed, rate, self._at, self.turning = track(
+            state, self._samples, self._at, self.turning, self._law, asked
         )
-        if self.turning:
-            rate = -self._config.turn_gain_1ps * off_heading
-            return *self._slew(0.0, rate), "turn"
-        speed, rate = self._along(path, x, y, off_heading)
-        return *self._slew(speed, rate), "follow"
-
-    def _along(
-        self, path: SmoothPath, x: float, y: float, off_heading: float
-    ) -> tuple[float, float]:
-        config, i = self._config, self._at
-        cos, sin = math.cos(path.yaw_rad[i]), math.sin(path.yaw_rad[i])
-        aside = -sin * (x - path.xy_m[i, 0]) + cos * (y - path.xy_m[i, 1])
-        past_end = cos * (x - path.xy_m[i, 0]) + sin * (y - path.xy_m[i, 1])
-        speed = self._profile[i]
-        if i + 1 < len(self._profile):  # the profile a control period ahead, and no dead start
-            speed = max(min(speed, self._profile[i + 1]), 0.05)
-        elif past_end > 0.0:
-            return 0.0, 0.0
-        else:
-            speed = 0.05
-        sinc = math.sin(off_heading) / off_heading if abs(off_heading) > 1e-6 else 1.0
-        rate = speed * path.curvature_1pm[i]
-        rate -= speed * (
-            config.lateral_gain_1pm2 * aside * sinc + config.heading_gain_1pm * off_heading
-        )
-        return speed * max(0.0, math.cos(off_heading)), rate
-
-    def _slew(self, speed: float, rate: float) -> tuple[float, float]:
-        """Limit the asked velocity's values and its changes over one control period."""
-        config, dt = self._config, self._period_s
-        rate = min(max(rate, -config.max_yaw_rate_radps), config.max_yaw_rate_radps)
-        up = config.max_accel_mps2 * dt
-        down = 2.0 * config.max_decel_mps2 * dt  # twice what is planned with: room for correction
-        speeding_up = abs(speed) > abs(self._speed)
-        step = up if speeding_up else down
-        turn = config.max_yaw_accel_radps2 * dt
-        self._speed += min(max(speed - self._speed, -step), step)
-        self._rate += min(max(rate - self._rate, -turn), turn)
-        return self._speed, self._rate
+        return speed, rate, "turn" if self.turning else "follow"
 
     def overrule(self, speed: float, rate: float) -> None:
         """Tell that another velocity was asked for in the end: the limits go on from there."""
-        self._speed, self._rate = speed, rate
-
-
-def sprocket_speeds(
-    speed: float, yaw_rate: float, gauge_ratio: float, vehicle: VehicleConfig, most_mps: float
-) -> tuple[float, float]:
-    """Left and right sprocket speeds, rad/s, that give a body velocity in spite of slip.
-
-    Where a track would be faster than ``most_mps``, both are scaled: the path's curvature is kept.
-    """
-    half = 0.5 * gauge_ratio * vehicle.gauge_m * yaw_rate
-    left, right = speed - half, speed + half
-    scale = min(1.0, most_mps / max(abs(left), abs(right), 1e-9)) / vehicle.sprocket_radius_m
-    return left * scale, right * scale
+        self._asked[:] = speed, rate
 
 
 class Drive:
@@ -234,21 +306,34 @@ class Drive:
         vehicle: VehicleConfig,
         period_s: float,
     ) -> None:
-        self._vehicle, self._most_mps = vehicle, config.max_track_speed_mps
-        self._left = MotorLoop(config, motor, encoder, period_s)
-        self._right = MotorLoop(config, motor, encoder, period_s)
+        self._law = DriveLaw(
+            gauge=vehicle.gauge_m,
+            radius=vehicle.sprocket_radius_m,
+            most_mps=config.max_track_speed_mps,
+            period=period_s,
+            rad_a_count=2.0 * math.pi / encoder.counts_per_turn,
+            gain=config.angle_gain_v_per_rad,
+            error_limit=config.angle_error_limit_rad,
+            back_emf=motor.back_emf_v_per_radps,
+            friction_v=motor.resistance_ohm * motor.no_load_current_a,
+            supply_v=motor.supply_v,
+        )
+        self._errors = np.zeros(2)
+        self._last: EncoderReading | None = None
 
     def command(
         self, velocity: tuple[float, float, str], estimate: Estimate, encoders: EncoderReading
     ) -> TrackCommand:
         """The command for a speed, m/s, a yaw rate, rad/s, and the mode they came from."""
         speed, rate, mode = velocity
-        gauge_ratio = min(max(float(estimate.state[GAUGE]), 1.0), 2.0)
-        left, right = sprocket_speeds(speed, rate, gauge_ratio, self._vehicle, self._most_mps)
-        volts = (
-            self._left.voltage(left, encoders.left_counts),
-            self._right.voltage(right, encoders.right_counts),
+        last, self._last = self._last or encoders, encoders
+        speeds, volts = drive(
+            speed,
+            rate,
+            estimate.state[GAUGE],
+            encoders.left_counts - last.left_counts,
+            encoders.right_counts - last.right_counts,
+            self._law,
+            self._errors,
         )
-        return TrackCommand(
-            estimate.t_ns, speed, rate, np.array((left, right)), np.array(volts), mode
-        )
+        return TrackCommand(estimate.t_ns, speed, rate, speeds, volts, mode)

@@ -122,7 +122,7 @@ def _cross(ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> 
 
 @njit(cache=True)
 def motor_current(voltage: float, speed: float, p: TrackParameters) -> float:
-    """Armature current, A, at the terminal voltage and output speed, rad/s, clipped by the driver."""
+    """Armature current, A, at terminal voltage and output speed, rad/s, clipped by the driver."""
     current = (voltage - p.back_emf * speed) / p.resistance
     return min(max(current, -p.current_limit), p.current_limit)
 
@@ -190,7 +190,8 @@ def apply_tracks(
         if load <= 0.0:
             continue
         sign = 1.0 if second >= WHEEL else -1.0  # MuJoCo's normal points from first to second
-        nx, ny, nz = (sign * contact_frame[c, 0], sign * contact_frame[c, 1], sign * contact_frame[c, 2])
+        nx, ny = sign * contact_frame[c, 0], sign * contact_frame[c, 1]
+        nz = sign * contact_frame[c, 2]
         tx, ty, tz = _cross(rot[1], rot[4], rot[7], nx, ny, nz)
         size = math.sqrt(tx * tx + ty * ty + tz * tz)
         if size < 1e-9:  # the wheel is touched on its side: no belt there

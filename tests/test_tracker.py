@@ -11,10 +11,11 @@ from vehicles import plant_on_plane
 
 from simloop.config import EncoderConfig, MotorConfig, TrackerConfig, VehicleConfig
 from simloop.ekf import GAUGE
-from simloop.messages import Estimate
+from simloop.messages import EncoderReading, Estimate
 from simloop.recovery import Recovery
+from simloop.se2 import wrap_angle
 from simloop.sensors import Encoders
-from simloop.tracker import Drive, MotorLoop, Tracker, sprocket_speeds
+from simloop.tracker import SPEED, Drive, Tracker, sprocket_speeds
 
 CONFIG, VEHICLE, MOTOR, ENCODER = TrackerConfig(), VehicleConfig(), MotorConfig(), EncoderConfig()
 K = 1.0 / 0.811
@@ -96,12 +97,11 @@ def test_slip_is_made_good_before_it_happens():
 def test_the_motor_loop_makes_the_counts_come():
     plant = plant_on_plane()
     truth = plant.reset(np.zeros(3))
-    loops, encoders = [MotorLoop(CONFIG, MOTOR, ENCODER, 0.01) for _ in range(2)], Encoders(ENCODER)
+    drive, encoders = Drive(CONFIG, MOTOR, ENCODER, VEHICLE, 0.01), Encoders(ENCODER)
+    ahead = (5.0 * VEHICLE.sprocket_radius_m, 0.0, "test")
     for _ in range(300):
-        reading = encoders.read(truth)
-        counts = (reading.left_counts, reading.right_counts)
-        volts = [loop.voltage(5.0, count) for loop, count in zip(loops, counts, strict=True)]
-        truth = plant.step(np.array(volts))
+        command = drive.command(ahead, estimate_of(truth), encoders.read(truth))
+        truth = plant.step(command.voltage_v)
     assert truth.sprocket_radps == pytest.approx(5.0, rel=0.02)
     assert truth.sprocket_rad[0] == pytest.approx(15.0, abs=CONFIG.angle_error_limit_rad)
 
@@ -119,7 +119,9 @@ def test_standing_still_draws_no_current():
 
 @pytest.mark.parametrize(("speed", "rate"), [(0.45, 1.0), (0.1, -1.6), (-0.3, 0.5)])
 def test_a_track_too_fast_scales_both_and_keeps_the_curvature(speed, rate):
-    left, right = sprocket_speeds(speed, rate, K, VEHICLE, 0.47)
+    left, right = sprocket_speeds(
+        speed, rate, K * VEHICLE.gauge_m, 0.47, VEHICLE.sprocket_radius_m
+    )
     assert max(abs(left), abs(right)) * VEHICLE.sprocket_radius_m <= 0.47 + 1e-9
     v = 0.5 * (left + right)
     w = (right - left) / (K * VEHICLE.gauge_m)
@@ -154,7 +156,7 @@ def test_a_robot_that_waits_is_not_stuck():
 def test_speed_is_lower_in_bends_and_near_obstacles():
     tracker = tracker_to((9, 9))
     tracker.follow(smooth([(0, 0), (1.0, 0.0), (1.0, 2.0)], (0, 0, 0)), K)
-    path, profile = tracker.path, tracker._profile
+    path, profile = tracker.path, tracker._samples[:, SPEED]
     sharpest = int(np.argmax(np.abs(path.curvature_1pm)))
     assert profile[sharpest] * abs(path.curvature_1pm[sharpest]) <= CONFIG.max_yaw_rate_radps + 1e-9
     assert profile[sharpest] < 0.8 * profile.max()
@@ -215,22 +217,6 @@ def test_it_has_arrived_a_margin_inside_the_tolerance(off, arrived):
     assert tracker.arrived == arrived
 
 
-def test_the_motor_loops_law():
-    """Back EMF and gear friction ahead, the angle that lacks behind; nothing kept while at rest."""
-    loop = MotorLoop(CONFIG, MOTOR, ENCODER, 0.01)
-    count = 2 * math.pi / ENCODER.counts_per_turn
-    ahead = MOTOR.back_emf_v_per_radps * 4.0 + MOTOR.resistance_ohm * MOTOR.no_load_current_a
-    assert loop.voltage(4.0, 100) == pytest.approx(ahead + 20.0 * 0.04)  # one period's angle lacks
-    assert loop.voltage(4.0, 103) == pytest.approx(ahead + 20.0 * (0.08 - 3 * count))
-    assert loop.voltage(0.0, 104) == 0.0
-    assert loop.voltage(-4.0, 104) == pytest.approx(-ahead - 20.0 * 0.04)
-    for _ in range(100):
-        volts = loop.voltage(4.0, 104)
-    assert volts == pytest.approx(ahead + 20.0 * CONFIG.angle_error_limit_rad)
-    assert loop.voltage(100.0, 104) == MOTOR.supply_v
-    assert loop.voltage(-100.0, 104) == -MOTOR.supply_v
-
-
 def test_a_recovery_backs_off_so_far_turns_so_much_and_the_other_way_next_time():
     recovery, turns = Recovery(CONFIG), []
     for attempt in (1, 2):
@@ -257,3 +243,106 @@ def test_progress_keeps_a_slow_robot_from_being_stuck():
     recovery = Recovery(CONFIG)
     crawl = (0.00005, 0.0, 0.0)
     assert any(recovery.watch(at_pose(*(k * np.array(crawl)), 0.01 * k), True) for k in range(1000))
+
+
+class PlainTracker:
+    """The control law step by step, as the oracle of the kernel; ``path`` and ``profile`` given."""
+
+    def __init__(self, path, profile):
+        self.path, self.profile = path, profile
+        self.at, self.turning, self.asked = 0, False, (0.0, 0.0)
+
+    def velocity(self, pose):
+        path = self.path
+        near = path.arc_m - path.arc_m[self.at] <= 0.5
+        near[: self.at] = False
+        away = np.where(near, np.hypot(*(path.xy_m - pose[:2]).T), np.inf)
+        self.at = i = int(np.argmin(away))
+        last = len(away) - 1
+        off = wrap_angle(pose[2] - path.yaw_rad[min(i + 1, last)])
+        limit = CONFIG.end_turn_rad if self.turning else CONFIG.turn_on_spot_rad
+        self.turning = abs(off) > limit
+        if self.turning:
+            return self.slew(0.0, -CONFIG.turn_gain_1ps * off)
+        heading = np.array([math.cos(path.yaw_rad[i]), math.sin(path.yaw_rad[i])])
+        offset = pose[:2] - path.xy_m[i]
+        if i == last and heading @ offset > 0.0:
+            return self.slew(0.0, 0.0)
+        v = max(0.05, self.profile[i : i + 2].min())
+        aside = heading[0] * offset[1] - heading[1] * offset[0]
+        back = CONFIG.lateral_gain_1pm2 * aside * np.sinc(off / np.pi)
+        back += CONFIG.heading_gain_1pm * off
+        rate = v * (path.curvature_1pm[i] - back)
+        return self.slew(v * max(0.0, math.cos(off)), rate)
+
+    def slew(self, speed, rate):
+        rate = np.clip(rate, -CONFIG.max_yaw_rate_radps, CONFIG.max_yaw_rate_radps)
+        before, turned = self.asked
+        faster = abs(speed) > abs(before)
+        step = 0.01 * (CONFIG.max_accel_mps2 if faster else 2 * CONFIG.max_decel_mps2)
+        turn = 0.01 * CONFIG.max_yaw_accel_radps2
+        speed = before + np.clip(speed - before, -step, step)
+        self.asked = (speed, turned + np.clip(rate - turned, -turn, turn))
+        return self.asked
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_compiled_law_is_the_plain_one(seed):
+    """Along a bent path and past its end, off it by decimetres and turned away now and then."""
+    rng = np.random.default_rng(seed)
+    tracker = tracker_to((99.0, 99.0))
+    path = smooth([(0, 0), (1.0, 0.0), (1.2, 0.8), (2.0, 0.8)], (0, 0, 0))
+    tracker.follow(path, K)
+    plain = PlainTracker(path, tracker._samples[:, SPEED])
+    modes = set()
+    for t in range(800):
+        i = min(t, 799) * (len(path.arc_m) + 5) // 800
+        over = max(0, i - len(path.arc_m) + 1) * 0.02
+        i = min(i, len(path.arc_m) - 1)
+        pose = np.array([*path.xy_m[i], path.yaw_rad[i]]) + rng.normal(size=3) * [0.05, 0.05, 0.2]
+        pose[0] += over
+        pose[2] = wrap_angle(pose[2] + (2.5 if t % 200 > 170 else 0.0))
+        state = np.array([*pose, 0.0, 0.0, 0.0, K])
+        speed, rate, mode = tracker.velocity(Estimate(t, state, np.eye(7)))
+        assert (speed, rate) == pytest.approx(plain.velocity(pose), abs=1e-9)
+        assert (mode == "turn") == plain.turning
+        modes.add(mode)
+    assert modes == {"turn", "follow"}
+    assert plain.at == len(path.arc_m) - 1
+
+
+class PlainMotorLoop:
+    """One sprocket's loop step by step, as the oracle of the kernel."""
+
+    def __init__(self):
+        self.error, self.counts = 0.0, None
+
+    def voltage(self, asked, counts):
+        come = 0 if self.counts is None else counts - self.counts
+        self.counts = counts
+        if asked == 0.0:
+            self.error = 0.0
+            return 0.0
+        limit = CONFIG.angle_error_limit_rad
+        missing = asked * 0.01 - come * 2.0 * math.pi / ENCODER.counts_per_turn
+        self.error = float(np.clip(self.error + missing, -limit, limit))
+        volts = MOTOR.back_emf_v_per_radps * asked + CONFIG.angle_gain_v_per_rad * self.error
+        volts += np.sign(asked) * MOTOR.resistance_ohm * MOTOR.no_load_current_a
+        return float(np.clip(volts, -MOTOR.supply_v, MOTOR.supply_v))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_compiled_motor_loops_are_the_plain_ones(seed):
+    rng = np.random.default_rng(seed)
+    drive, plain = Drive(CONFIG, MOTOR, ENCODER, VEHICLE, 0.01), [PlainMotorLoop() for _ in "lr"]
+    counts = np.array([100, -50])
+    for t in range(300):
+        v, w = (0.0, 0.0) if t % 50 > 45 else rng.uniform([-0.5, -1.5], [0.5, 1.5])
+        counts += rng.integers(-30, 30, 2)
+        command = drive.command((v, w, ""), standing(0.01 * t), EncoderReading(t, *counts.tolist()))
+        most = CONFIG.max_track_speed_mps
+        belts = v + np.array([-0.5, 0.5]) * K * VEHICLE.gauge_m * w
+        asked = belts / max(1.0, np.abs(belts).max() / most) / VEHICLE.sprocket_radius_m
+        assert command.sprocket_radps == pytest.approx(asked, abs=1e-9)
+        volts = [plain[k].voltage(float(asked[k]), int(counts[k])) for k in range(2)]
+        assert command.voltage_v == pytest.approx(volts, abs=1e-9)
