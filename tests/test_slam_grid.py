@@ -217,9 +217,16 @@ def test_a_scan_finds_its_place_to_a_fraction_of_a_cell():
         fix = match(slam, SQUARE, (0.05, -0.03, 0.02), (0.03, -0.02, 0.01), seed)
         assert fix.ok
         assert fix.pose == pytest.approx([0.05, -0.03, 0.02], abs=6e-3)
-        # However many points agree, a fix is never surer than the cells' grain lets it be.
-        least = [CONFIG.match_std_xy_m, CONFIG.match_std_xy_m, CONFIG.match_std_yaw_rad]
-        assert np.all(np.linalg.eigvalsh(fix.covariance - np.diag(np.square(least))) > 0.0)
+
+
+def test_the_grain_of_the_cells_is_added_to_what_every_fix_leaves_open():
+    found = []
+    for xy, yaw in ((1e-4, 1e-4), (0.01, 0.004)):
+        config = replace(CONFIG, match_std_xy_m=xy, match_std_yaw_rad=yaw)
+        slam = mapped(SQUARE, [(0, 0, 0)] * 3, config=config)
+        found.append(match(slam, SQUARE, (0.05, -0.03, 0.02), (0.03, -0.02, 0.01)).covariance)
+    added = np.square([0.01, 0.01, 0.004]) - 1e-8
+    np.testing.assert_allclose(found[1] - found[0], np.diag(added), atol=1e-9)
 
 
 def test_a_bad_prior_is_made_good_by_the_search():
