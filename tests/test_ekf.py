@@ -225,6 +225,30 @@ def test_a_fix_far_off_is_refused_at_first_and_believed_if_it_insists():
     assert kf.estimate().pose[0] == pytest.approx(1.0, abs=0.05)
 
 
+def test_a_good_fix_between_bad_ones_ends_their_row():
+    kf = make_filter()
+    for i in range(1, 51):
+        kf.advance(*reading(i * 10_000_000, 0.0, 0.0))
+    far, here = (
+        PoseFix(0, np.array([x, 0.0, 0.0]), np.eye(3) * 1e-5, 1.0, True) for x in (1.0, 0.0)
+    )
+    for _ in range(4):
+        answers = [kf.correct(far) for _ in range(4)]
+        assert answers == [False] * 4
+        assert kf.correct(here)
+    assert kf.estimate().pose[0] == pytest.approx(0.0, abs=0.01)
+
+
+def test_a_robot_that_turns_while_its_sprockets_stand_does_not_rest():
+    """Pushed round, or sliding: the counts say nothing, the gyro does, until it is quiet again."""
+    kf, turned_s = make_filter(), 1.0
+    for i in range(1, 201):
+        rate = 0.3 if i * DT <= turned_s else 0.0
+        kf.advance(*reading(i * 10_000_000, 0.0, 0.0, rate=rate))
+        quiet_s = i * DT - turned_s
+        assert kf.stationary == (quiet_s >= 0.2 - 1e-9)
+
+
 def test_a_fix_that_is_not_ok_changes_nothing():
     kf = make_filter()
     before = kf.estimate()
@@ -305,3 +329,23 @@ def test_the_maps_error_is_considered_and_no_fix_takes_it_away():
     assert last[1, 1] == pytest.approx(first[1, 1] + way**2 * first[2, 2], rel=0.05)
     kf.mapped(0.5)
     assert kf.estimate().covariance[0, 0] - kf.covariance_in_map[0, 0] > last[0, 0]
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.5 * math.pi, -2.0])
+def test_a_map_that_is_turned_shifts_what_is_ahead_to_its_left(heading):
+    """The map's yaw error e moves a place d ahead of the start by e d, square to the way there."""
+    parts = EkfConfig(), EncoderConfig(), ImuConfig(), VehicleConfig()
+    kf = Ekf(*parts, np.array([0.0, 0.0, heading]), DT)
+    ahead = np.array([math.cos(heading), math.sin(heading)])
+    kf.advance(*reading(10_000_000, 0.0, 0.0))
+    kf.mapped(1.0)
+    first = kf.estimate().covariance[:3, :3] - kf.covariance_in_map
+    for i in range(2, 102):
+        kf.advance(*reading(i * 10_000_000, 0.004 * i, 0.004 * i))
+        pose = np.array([*(0.004 * i * ahead), heading])
+        kf.correct(PoseFix(0, pose, np.eye(3) * 1e-7, 1.0, True))
+        kf.mapped(0.0)
+    last = kf.estimate().covariance[:3, :3] - kf.covariance_in_map
+    way = kf.estimate().pose[:2] @ ahead
+    to_left = way * np.array([-ahead[1], ahead[0]])
+    np.testing.assert_allclose((last - first)[:2, 2], to_left * first[2, 2], atol=2e-9)
