@@ -125,8 +125,10 @@ def test_lines_that_meet_in_the_wrong_order_or_outside_make_no_path():
     p, lines, free = coded(path, np.array([[2.0, 0.05, 0.4]]))  # lacks 5 cm: all may move
     assert free == 3
     assert decoded(p, lines, free, 4, np.zeros((3, 2))) is not None
-    apart = np.array([[0.0, 0.0], [0.0, -1.2], [0.0, 0.0]])  # beyond where the outer lines meet
-    assert decoded(p, lines, free, 4, apart) is None
+    for up, there in ((0.15, True), (0.2, True), (0.24, False), (0.3, False)):
+        # The outer lines meet 0.22 m above the middle one: beyond, they are crossed in turn.
+        subject = np.array([[0.0, 0.0], [0.0, -up], [0.0, 0.0]])
+        assert (decoded(p, lines, free, 4, subject) is not None) == there
     assert decoded(p, lines, free, 4, np.array([[0.0, 0.0], [0.7, 0.0], [0.0, 0.0]])) is None
     low = p._replace(high_y=0.67)
     assert decoded(low, lines, free, 4, np.zeros((3, 2))) is not None

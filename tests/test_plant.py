@@ -93,3 +93,37 @@ def test_the_accelerometer_sees_the_speed_change_and_gravity():
         truth = plant.step(np.array([15.0, 15.0]))
         total += truth.acceleration_mps2[0] * 0.01
     assert total == pytest.approx(truth.velocity_body[0], rel=1e-3)
+
+
+def test_the_digest_is_of_the_tracks_inner_state_too():
+    plant = plant_on_plane()
+    before = plant.state_hash()
+    for array in plant.tracks:
+        kept = array.copy()
+        array.flat[0] += 1
+        assert plant.state_hash() != before
+        array[...] = kept
+        assert plant.state_hash() == before
+
+
+def test_velocity_is_told_in_the_robots_own_frame():
+    plant = Plant(build("open"), Config())
+    plant.reset(np.array([0.0, 0.0, 2.0]))
+    gained = np.zeros(3)
+    for _ in range(100):
+        truth = plant.step(np.array([12.0, 12.0]))
+        gained += truth.acceleration_mps2 * 0.01
+    speed = np.hypot(*plant.data.qvel[:2])
+    assert truth.velocity_body[0] == pytest.approx(speed, rel=1e-3) and speed > 0.2
+    assert abs(truth.velocity_body[1]) < 1e-3
+    assert gained[:2] == pytest.approx(truth.velocity_body[:2], abs=2e-3)
+
+
+def test_rays_pass_through_every_part_of_the_robot():
+    plant = Plant(build("open"), Config())
+    plant.reset(np.zeros(3))
+    x, y = np.meshgrid(np.linspace(-0.24, 0.24, 13), np.linspace(-0.23, 0.23, 13))
+    origins = np.column_stack([x.ravel(), y.ravel(), np.full(169, 0.3)])
+    for origin in origins:  # each on its own: they are too far apart for one control period
+        down = plant.cast(origin[None], np.array([[0.0, 0.0, -1.0]]), 1.0)
+        assert down[0] == pytest.approx(0.3, abs=1e-6)

@@ -10,7 +10,7 @@ import cv2
 import mujoco
 import numpy as np
 import pytest
-from synthetic_run import GOAL, SyntheticRun
+from synthetic_run import GOAL, OFF, SyntheticRun
 
 from simloop.arena import build
 from simloop.config import VehicleConfig
@@ -128,6 +128,9 @@ def test_moments_are_evenly_spread_and_know_what_was_known_then(
         assert moment.truth.t_ns - 1.84e9 <= belief.plan.t_ns <= moment.truth.t_ns
         assert belief.scan is not None
         assert moment.truth.t_ns - 0.11e9 <= belief.scan.t_ns <= moment.truth.t_ns
+        # The scan is drawn from where it was taken, not from where the robot is by now.
+        then = SyntheticRun(model).pose(belief.scan.t_ns) + OFF
+        assert belief.scan_pose == pytest.approx(then)
 
 
 def test_the_map_is_drawn_where_it_is() -> None:

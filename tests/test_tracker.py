@@ -172,22 +172,31 @@ def at_pose(x, y, yaw, t_s=0.0):
     return Estimate(round(t_s * 1e9), state, np.eye(7))
 
 
+AHEAD = 0.6  # rad, which way the straight path leads
+
+
 def straight_tracker():
-    """On a long, straight path along x, at full speed."""
-    tracker = tracker_to((9, 9))
-    tracker.follow(smooth([(-2, 0), (2.5, 0.0)], (-2, 0, 0)), K)
+    """Half way along a long, straight path, at full speed."""
+    tracker, end = tracker_to((9, 9)), 2.5 * np.array([math.cos(AHEAD), math.sin(AHEAD)])
+    tracker.follow(smooth([-end, end], (*-end, AHEAD)), K)
     tracker.overrule(CONFIG.max_speed_mps, 0.0)
     tracker._at = len(tracker.path.arc_m) // 2
     return tracker
 
 
+def beside_path(tracker, aside, off_heading):
+    """The estimate so far to the left of where the tracker is, and turned so far from it."""
+    left = np.array([-math.sin(AHEAD), math.cos(AHEAD)])
+    return at_pose(*(tracker.path.xy_m[tracker._at] + aside * left), AHEAD + off_heading)
+
+
 @pytest.mark.parametrize(
-    ("y", "yaw"), [(0.05, 0.0), (-0.05, 0.0), (0.0, 0.1), (0.0, -0.1), (0.02, -0.2), (-0.03, 0.3)]
+    ("y", "yaw"),
+    [(0.008, 0), (-0.008, 0), (0, 0.02), (0, -0.02), (0.004, -0.015), (0.2, 0.1), (0, -0.7)],
 )
 def test_errors_are_steered_away_by_samsons_law(y, yaw):
     tracker = straight_tracker()
-    x = tracker.path.xy_m[tracker._at, 0]
-    speed, rate, mode = tracker.velocity(at_pose(x, y, yaw))
+    speed, rate, mode = tracker.velocity(beside_path(tracker, y, yaw))
     v = CONFIG.max_speed_mps
     sinc = math.sin(yaw) / yaw if yaw else 1.0
     wanted = -v * (CONFIG.lateral_gain_1pm2 * y * sinc + CONFIG.heading_gain_1pm * yaw)
@@ -199,13 +208,12 @@ def test_errors_are_steered_away_by_samsons_law(y, yaw):
 
 def test_turning_on_the_spot_begins_late_and_ends_early():
     tracker = straight_tracker()
-    x = tracker.path.xy_m[tracker._at, 0]
     for yaw, turning in ((0.75, False), (0.85, True), (0.3, True), (0.16, True), (0.14, False),
                          (0.3, False), (-0.85, True), (-0.1, False)):  # fmt: skip
-        _, rate, mode = tracker.velocity(at_pose(x, 0.0, yaw))
+        _, rate, mode = tracker.velocity(beside_path(tracker, 0.0, yaw))
         assert (mode == "turn") == turning
     for _ in range(60):
-        _, rate, _ = tracker.velocity(at_pose(x, 0.0, 2.0))
+        _, rate, _ = tracker.velocity(beside_path(tracker, 0.0, 2.0))
     assert rate == -CONFIG.max_yaw_rate_radps
 
 
