@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simloop.bezier import C4, Smoother, corner_controls, cubic_sample
+from simloop.bezier import C4, Smoother, corner_controls, cubic_sample, fit_corners, sample_path
 from simloop.config import SmootherConfig, VehicleConfig
 from simloop.distance_field import field_of
 from simloop.elastic import leg_cost, make_room
@@ -162,3 +162,21 @@ def test_an_unsafe_plan_makes_an_unsafe_path():
     path = smooth([(-2, 0), (2, 0)], (-2, 0, 0.0), view_of([(0.0, 0.1, 0.2)]))
     assert not path.safe
     assert path.clearance_m.min() < 0.01
+
+
+@pytest.mark.parametrize("gap", np.linspace(0.27, 0.36, 10))
+def test_every_cut_but_the_tightest_keeps_the_safe_distance(gap):
+    """A disc inside the corner, as far from both legs: the deeper the cut, the nearer."""
+    points, radius, least = np.array([[-2.0, 0.0], [0.0, 0.0], [0.0, 2.0]]), 0.3, 0.05
+    centre = np.array([-radius - gap, radius + gap])
+    field = field_of(view_of([(*centre, radius)]))
+    offsets = np.array(VEHICLE.footprint_offsets_m)
+    cuts = fit_corners(points, field, offsets, SAFE, SAFE + 0.04, 1.0, least)
+    assert cuts[0] == cuts[2] == 0.0 and cuts[1] >= least
+    samples = sample_path(points, cuts, 0.005)
+    ahead = np.column_stack([np.cos(samples[:, 2]), np.sin(samples[:, 2])])
+    discs = samples[:, None, :2] + offsets[:, None] * ahead[:, None]
+    clearance = np.hypot(*np.moveaxis(discs - centre, -1, 0)).min() - radius
+    if cuts[1] > least:
+        assert clearance >= SAFE - 2e-3  # the field's interpolation
+    assert cuts[1] > least or gap < 0.3

@@ -52,6 +52,27 @@ def test_the_allowed_speed_can_be_braked_away_before_the_obstacle(asked, gap):
     assert allowed * 0.01 + allowed**2 / (2 * config.max_decel_mps2) <= gap + 1e-9
 
 
+@given(st.floats(0.05, 0.45), st.floats(0.02, 0.2))
+@settings(max_examples=80, deadline=None)
+def test_the_allowed_speed_leaves_time_to_react_before_braking(asked, gap):
+    config = TrackerConfig()
+    allowed, _ = monitor_seeing((HALF_LENGTH + gap, 0.0)).allow(asked, 0.0, ORIGIN)
+    way = allowed * config.monitor_reaction_s + allowed**2 / (2 * config.max_decel_mps2)
+    assert way <= gap - config.monitor_margin_m + 1e-3
+
+
+def test_what_was_seen_in_the_last_scans_stays_where_it_was_seen():
+    """A post seen once, then in the blind zone: the robot has come nearer, and the post with it."""
+    monitor = monitor_seeing((0.6, 0.0))
+    pose = np.array([0.3, 0.0, 0.0])
+    monitor.observe(np.array([[0.0, 3.0]]), pose)
+    assert pytest.approx(0.055) == 0.6 - 0.3 - HALF_LENGTH
+    assert monitor.allow(0.45, 0.0, pose)[0] < 0.25
+    turned = np.array([0.0, 0.0, 0.5 * math.pi])
+    monitor.observe(np.array([[0.0, 3.0]]), turned)  # now it is to the right
+    assert monitor.allow(0.45, 0.0, turned)[0] == 0.45
+
+
 def test_what_is_beside_the_robot_hinders_turning_and_not_driving():
     monitor = monitor_seeing((HALF_LENGTH - 0.01, HALF_WIDTH + 0.02))
     assert monitor.allow(-0.12, 0.0, ORIGIN)[0] == -0.12

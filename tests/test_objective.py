@@ -18,6 +18,7 @@ from simloop.planners.objective import (
     intrusion,
     length_and_turning,
     make_stack,
+    start_turn,
 )
 from simloop.planners.scenes import box_world, disc_world
 
@@ -131,6 +132,22 @@ def test_a_start_too_close_is_allowed_to_leave_but_not_to_stay():
     leaving, along = np.array([[0.0, 0.0], [0.0, -2.0]]), np.array([[0.0, 0.0], [0.5, 0.45]])
     assert intrusion(p, leaving, 2, np.inf, stack) == 0.0
     assert intrusion(p, along, 2, np.inf, stack) > 0.0
+
+
+@given(seed=seeds, yaw=st.floats(-7.0, 7.0))
+@settings(max_examples=60, deadline=None)
+def test_the_turn_at_the_start_is_from_the_robots_heading_to_the_first_leg(seed, yaw):
+    path = np.random.default_rng(seed).uniform(0.0, 5.0, (4, 2))
+    path[1] = path[0]  # a leg without length has no heading
+    start = np.array([*path[0], yaw])
+    p = make_problem(disc_world(np.zeros((0, 3)), BOX), start, path[-1], safe_m=SAFE)
+    leg = (path[2] - path[0]) / np.hypot(*(path[2] - path[0]))
+    cosine = np.clip(leg @ [np.cos(yaw), np.sin(yaw)], -1.0, 1.0)
+    assert start_turn(p, path, 4) == pytest.approx(np.arccos(cosine), abs=1e-6)
+    stack, plain = make_stack(), path_cost_by_angles(path[[0, 2, 3]])
+    weighed = p._replace(start_turn_weight=0.2)
+    expected = plain + 0.2 * np.arccos(cosine)
+    assert evaluate(weighed, path, 4, np.inf, stack) == pytest.approx(expected, abs=1e-6)
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 7])

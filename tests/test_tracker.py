@@ -15,7 +15,7 @@ from simloop.messages import EncoderReading, Estimate
 from simloop.recovery import Recovery
 from simloop.se2 import wrap_angle
 from simloop.sensors import Encoders
-from simloop.tracker import SPEED, Drive, Tracker, sprocket_speeds
+from simloop.tracker import SPEED, Drive, Tracker, speed_profile, sprocket_speeds
 
 CONFIG, VEHICLE, MOTOR, ENCODER = TrackerConfig(), VehicleConfig(), MotorConfig(), EncoderConfig()
 K = 1.0 / 0.811
@@ -354,3 +354,17 @@ def test_the_compiled_motor_loops_are_the_plain_ones(seed):
         assert command.sprocket_radps == pytest.approx(asked, abs=1e-9)
         volts = [plain[k].voltage(float(asked[k]), int(counts[k])) for k in range(2)]
         assert command.voltage_v == pytest.approx(volts, abs=1e-9)
+
+
+def test_the_profile_creeps_at_the_safe_distance_and_hurries_in_the_open():
+    arc = np.arange(0.0, 6.0, 0.02)
+    clearance = np.interp(arc, [0.0, 2.0, 3.0, 4.0], [0.5, 0.5, 0.2, 0.31])
+    limits = np.array([0.45, 1.6, 0.4, 0.3, 0.1, 0.6, 0.2])
+    speed = speed_profile(arc, 0 * arc, clearance, 0.26, limits)
+    near = (arc < 5.5) & (arc > 0.1)
+    room = np.clip((clearance - 0.26) / 0.1, 0.0, 1.0)
+    # But for the braking before a narrow place, which must begin ahead of it.
+    np.testing.assert_array_less(speed[near], 0.3 + 0.15 * room[near] + 1e-9)
+    assert speed[arc < 1.5] == pytest.approx(0.45)
+    assert speed[np.abs(arc - 3.0) < 0.1] == pytest.approx(0.3)
+    assert speed[(arc > 4.1) & (arc < 5.5)] == pytest.approx(0.3 + 0.15 * 0.5)
