@@ -164,11 +164,14 @@ def test_an_unsafe_plan_makes_an_unsafe_path():
     assert path.clearance_m.min() < 0.01
 
 
-@pytest.mark.parametrize("gap", np.linspace(0.27, 0.36, 10))
-def test_every_cut_but_the_tightest_keeps_the_safe_distance(gap):
+@pytest.mark.parametrize("turn", [0.5, 0.9, 1.57])
+@pytest.mark.parametrize("gap", [0.265, 0.27, 0.28, 0.3, 0.33, 0.36])
+def test_every_cut_but_the_tightest_keeps_the_safe_distance(turn, gap):
     """A disc inside the corner, as far from both legs: the deeper the cut, the nearer."""
-    points, radius, least = np.array([[-2.0, 0.0], [0.0, 0.0], [0.0, 2.0]]), 0.3, 0.05
-    centre = np.array([-radius - gap, radius + gap])
+    points = np.array([[-2.0, 0.0], [0.0, 0.0], [2.0 * math.cos(turn), 2.0 * math.sin(turn)]])
+    radius, least = 0.05, 0.05
+    inwards = np.array([-math.sin(0.5 * turn), math.cos(0.5 * turn)])
+    centre = (radius + gap) / math.cos(0.5 * turn) * inwards
     field = field_of(view_of([(*centre, radius)]))
     offsets = np.array(VEHICLE.footprint_offsets_m)
     cuts = fit_corners(points, field, offsets, SAFE, SAFE + 0.04, 1.0, least)
