@@ -196,13 +196,6 @@ class Smoother:
                 return self._message(plan, led, field)
         return self._message(plan, straight, field)
 
-    def clearances(
-        self, path: SmoothPath, view: WorldView, part: slice
-    ) -> tuple[FloatArray, FloatArray]:
-        """Footprint clearance, m, along a part of ``path``: as planned, and as ``view`` has it."""
-        samples = np.column_stack((path.xy_m[part], path.yaw_rad[part]))
-        return path.clearance_m[part], path_clearance(samples, field_of(view), self._offsets)
-
     def _roomy(self, waypoints: FloatArray, field: Field) -> tuple[FloatArray, FloatArray]:
         """The plan's points, moved to where there is room, and the path along them.
 

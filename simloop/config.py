@@ -179,6 +179,7 @@ class PlannerConfig:
     """Sabiha 2022: J = w1 S + w2 Theta + sigma sum R; class of 100; 30 idle generations end it.
 
     squeeze_m: what may be given up of the safety distance where that saves a long way round.
+    prefer_m: what a way has over it that is taken where it costs no more than prefer_share more.
     """
 
     name: str = "tlbo"
@@ -191,6 +192,8 @@ class PlannerConfig:
     max_evaluations: Annotated[int, Field(ge=100)] = 40_000
     safe_distance_m: Positive = 0.26
     squeeze_m: Annotated[float, Field(ge=0.0, lt=0.05)] = 0.008
+    prefer_m: NonNegative = 0.02
+    prefer_share: NonNegative = 0.05
     precise: bool = False
     latency: Literal["fixed", "per_evaluation"] = "fixed"
     latency_s: NonNegative = 0.0
@@ -238,7 +241,7 @@ class TrackerConfig:
     angle_error_limit_rad: Positive = 0.3
     monitor_margin_m: NonNegative = 0.01
     monitor_reaction_s: NonNegative = 0.15
-    stuck_s: Positive = 2.0
+    stuck_s: Positive = 1.0
     back_off_m: Positive = 0.25
     back_off_mps: Positive = 0.12
 

@@ -23,6 +23,7 @@ _LEAST_PART = 0.1  # less than this of a velocity is not worth creeping with
 _SCANS = 3
 _WINDOW = 4  # points on either side that a point is averaged with
 _ONE_SURFACE_M = 0.05
+_LOOKS = 4  # places on an arc at which room is looked for
 _BETWEEN_SCANS_M = 0.2  # how far the robot may come before the next scan, and some
 
 
@@ -163,6 +164,23 @@ def allowed_part(
     return part if part > _LEAST_PART else 0.0
 
 
+@njit(cache=True)
+def room_after(
+    points: FloatArray, ahead: float, turned: float, half_length: float, half_width: float
+) -> float:
+    """m from the footprint to the nearest of the points (n, 2), in base_link before, at the end
+    of an arc ``ahead`` m long and ``turned`` rad round."""
+    end = np.array((ahead, 0.0, turned))
+    if abs(turned) > 1e-9:
+        end[0] = ahead / turned * math.sin(turned)
+        end[1] = ahead / turned * (1.0 - math.cos(turned))
+    seen, least = points_in(end, np.zeros(3), points), np.inf
+    for i in range(seen.shape[0]):
+        gap = rectangle_distance(seen[i, 0], seen[i, 1], half_length, half_width)
+        least = min(least, gap)
+    return least
+
+
 class CollisionMonitor:
     """Scales a body velocity down to what the last scans allow."""
 
@@ -201,3 +219,16 @@ class CollisionMonitor:
             return speed, yaw_rate
         part = allowed_part(self._points, self._pose, pose, speed, yaw_rate, self._limits)
         return (speed, yaw_rate) if part >= 1.0 else (speed * part, yaw_rate * part)
+
+    def look_along(self, ahead: float, turned: float, pose: FloatArray) -> tuple[float, float]:
+        """How much of an arc from ``pose`` (3,) is free, 0 to 1, and the most room, m, on the way.
+
+        The arc is ``ahead`` m long and ``turned`` rad round; room counts to the nearest point.
+        Where the free part ends at something there is no room left: what counts is where there was.
+        """
+        half_length, half_width, margin = self._limits[3:].tolist()
+        near = points_in(pose, self._pose, self._points)
+        free = free_fraction(near, ahead, turned, half_length, half_width, margin)
+        parts = (free * k / _LOOKS for k in range(_LOOKS + 1))
+        room = max(room_after(near, f * ahead, f * turned, half_length, half_width) for f in parts)
+        return free, room

@@ -5,9 +5,8 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -29,28 +28,15 @@ from simloop.messages import (
     WorldView,
 )
 from simloop.monitor import CollisionMonitor
-from simloop.planners.registry import make_planner
 from simloop.profiler import Profiler
 from simloop.recovery import Recovery
 from simloop.slam_grid import GridSlam
 from simloop.tracker import Drive, Tracker
+from simloop.widths import WidthPlanner
 
 _BLOCKED_SLACK_M = 0.02  # the map's grain: a path is blocked only when it is clearly so
 _HOPELESS_NS = 500_000_000  # between replans for a blockage that the last plan could not avoid
-_MOST_RECOVERIES = 8
-_LONG_WAY_ROUND_M = 0.3  # more than this saved is worth a squeeze
-
-
-def _left_of(plan: Plan, pose: FloatArray) -> float:
-    """Length, m, of what is left of a plan from the waypoint nearest ahead of ``pose`` (3,)."""
-    points = plan.waypoints_m
-    legs = np.diff(points, axis=0)
-    squares = np.maximum((legs**2).sum(axis=1), 1e-12)
-    share = np.clip(((pose[:2] - points[:-1]) * legs).sum(axis=1) / squares, 0.0, 1.0)
-    feet = points[:-1] + share[:, None] * legs
-    k = int(np.argmin(np.hypot(*(feet - pose[:2]).T)))
-    lengths = np.sqrt(squares)
-    return float((1.0 - share[k]) * lengths[k] + lengths[k + 1 :].sum())
+_NEXT_M = 0.4  # where on its path a robot that is held would like to be
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,27 +62,22 @@ class Robot:
         rates, vehicle = config.rates, config.vehicle
         safe = config.planner.safe_distance_m
         period = rates.control_s
-        self._config, self._mission, self._rng = config, mission, rng
+        self._config, self._mission = config, mission
         self._ekf = Ekf(
             config.ekf, config.encoder, config.imu, vehicle, mission.start, rates.encoder_s
         )
         self._slam = GridSlam(config.slam, vehicle, base_from_laser)
-        self._planner = make_planner(config.planner, vehicle)
-        self._smoother = Smoother(config.smoother, vehicle, safe)
-        tight = replace(config.planner, safe_distance_m=safe - config.planner.squeeze_m)
-        self._tight_planner = make_planner(tight, vehicle)
-        self._tight_smoother = Smoother(config.smoother, vehicle, tight.safe_distance_m)
-        self._squeezing = False
+        self._planner = WidthPlanner(config, mission.goal, rng)
         self._tracker = Tracker(
             config.tracker, vehicle, safe, mission.goal, mission.goal_tolerance_m, period
         )
         self._drive = Drive(config.tracker, config.motor, config.encoder, vehicle, period)
         self._monitor = CollisionMonitor(config.tracker, vehicle)
-        self._recovery = Recovery(config.tracker)
+        self._recovery = Recovery(config.tracker, self._monitor)
         self._trail: deque[Estimate] = deque(maxlen=round(rates.lidar_s / period) + 2)
         self._plan_ns = round(rates.plan_s * 1e9)
         self._plan: Plan | None = None
-        self._pending: tuple[int, Plan, WorldView] | None = None
+        self._pending: tuple[int, Plan, Smoother, WorldView] | None = None
         self._planned_ns = 0
         self._mapped = False
         self._unchecked: list[FloatArray] = []
@@ -113,7 +94,7 @@ class Robot:
     @property
     def gave_up(self) -> bool:
         """Whether recoveries have been tried too often."""
-        return self._recovery.attempts > _MOST_RECOVERIES
+        return self._recovery.exhausted
 
     def step(
         self, encoders: EncoderReading, imu: ImuReading, scan: LidarScan | None
@@ -197,9 +178,9 @@ class Robot:
             view = self._slam.view(estimate.t_ns, self._mission.goal)
             self._unchecked.clear()
         with self._time["planner"]:
-            plan = self._best_plan(view, estimate.pose, reason)
+            plan, smoother = self._planner.plan(view, estimate.pose, self._plan, reason)
         self._planned_ns = estimate.t_ns
-        self._pending = (estimate.t_ns + self._latency_ns(plan), plan, view)
+        self._pending = (estimate.t_ns + self._latency_ns(plan), plan, smoother, view)
         grid = self._slam
         self._say(plan, view)
         self._say(
@@ -207,21 +188,6 @@ class Robot:
         )
         if not plan.safe:
             self._say(Event(plan.t_ns, "warning", "no safe path found; going on with the best"))
-
-    def _best_plan(self, view: WorldView, pose: FloatArray, reason: str) -> Plan:
-        """The planner's plan; or, where that goes a long way round, one through a tight gap."""
-        goal, rng, previous = self._mission.goal, self._rng, self._plan
-        plan = self._planner.plan(view, pose, goal, rng, previous=previous, reason=reason)
-        self._squeezing = False
-        if self._config.planner.squeeze_m == 0.0:
-            return plan
-        hoped = math.dist(pose[:2], goal) if previous is None else _left_of(previous, pose)
-        if plan.safe and plan.length_m < hoped + _LONG_WAY_ROUND_M:
-            return plan
-        tight = self._tight_planner.plan(view, pose, goal, rng, previous=previous, reason=reason)
-        shorter = not plan.safe or tight.length_m < plan.length_m - _LONG_WAY_ROUND_M
-        self._squeezing = tight.safe and shorter
-        return tight if self._squeezing else plan
 
     def _latency_ns(self, plan: Plan) -> int:
         """The simulated time that planning takes: given, never measured."""
@@ -233,10 +199,9 @@ class Robot:
     def _take_up_plan(self, estimate: Estimate) -> None:
         if self._pending is None or estimate.t_ns < self._pending[0]:
             return
-        _, plan, view = self._pending
+        _, plan, smoother, view = self._pending
         self._pending, self._plan = None, plan
         with self._time["smoother"]:
-            smoother = self._tight_smoother if self._squeezing else self._smoother
             path = smoother.smooth(plan, view, estimate.pose)
         self._tracker.follow(path, float(estimate.state[GAUGE]))
         self._say(path)
@@ -250,13 +215,23 @@ class Robot:
         else:
             speed, rate, mode = tracker.velocity(estimate)
             if recovery.watch(estimate, mode in ("follow", "turn")):
-                recovery.start(estimate)
+                self._planner.distrust_tight_gaps()
+                recovery.start(estimate, self._next_part(estimate.pose))
                 self._say(Event(estimate.t_ns, "warning", "stuck: backing off"))
         free_speed, free_rate = self._monitor.allow(speed, rate, estimate.pose)
         if (free_speed, free_rate) != (speed, rate):
             mode = "held"
             tracker.overrule(free_speed, free_rate)
         return self._drive.command((free_speed, free_rate, mode), estimate, encoders)
+
+    def _next_part(self, pose: FloatArray) -> FloatArray | None:
+        """The first place (2,) of the path ahead that is ``_NEXT_M`` away from ``pose`` (3,)."""
+        path = self._tracker.path
+        if path is None:
+            return None
+        ahead = path.xy_m[self._tracker.ahead]
+        far = np.hypot(*(ahead - pose[:2]).T) > _NEXT_M
+        return ahead[int(np.argmax(far)) if far.any() else -1]
 
     def _say(self, *messages: Message) -> None:
         self.said.extend(messages)
