@@ -55,11 +55,33 @@ class RatesConfig:
         return self
 
 
+Friction = Annotated[float, Field(gt=0.0, le=2.0)]
+
+
+@dataclass(frozen=True, slots=True, config=_STRICT)
+class FrictionZone:
+    """A rectangle of ground, min_m (x, y) to max_m (x, y) in map, with a friction of its own."""
+
+    min_m: tuple[float, float]
+    max_m: tuple[float, float]
+    friction: Friction
+
+    @model_validator(mode="after")
+    def _has_area(self) -> FrictionZone:
+        if not (self.min_m[0] < self.max_m[0] and self.min_m[1] < self.max_m[1]):
+            raise _reject("tracks.zones: min_m must be below max_m in x and in y")
+        return self
+
+
 @dataclass(frozen=True, slots=True, config=_STRICT)
 class TracksConfig:
-    """Track-ground contact: isotropic Coulomb friction behind a shear brush."""
+    """Track-ground contact: isotropic Coulomb friction behind a shear brush.
 
-    friction: Annotated[float, Field(gt=0.0, le=2.0)] = 0.6
+    zones: where the ground's friction is another; where they overlap the last one holds.
+    """
+
+    friction: Friction = 0.6
+    zones: tuple[FrictionZone, ...] = ()
     shear_modulus_m: Positive = 0.001
     shear_damping_s: NonNegative = 0.01
     rolling_resistance: Annotated[float, Field(ge=0.0, le=0.5)] = 0.02
@@ -67,7 +89,11 @@ class TracksConfig:
 
 @dataclass(frozen=True, slots=True, config=_STRICT)
 class MotorConfig:
-    """EMG49 (24 V, 49:1) behind an MD49 driver; all figures at the output shaft."""
+    """EMG49 (24 V, 49:1) behind an MD49 driver; all figures at the output shaft.
+
+    brake_torque_nm: of a holding brake on each sprocket, which is not part of the EMG49: shorted
+    motors and gear friction alone hold 0.5 N m each, a slope of 15 degrees.
+    """
 
     supply_v: Positive = 24.0
     resistance_ohm: Positive = 24.0 / 13.0
@@ -75,6 +101,7 @@ class MotorConfig:
     back_emf_v_per_radps: Positive = (24.0 - 0.5 * 24.0 / 13.0) / 14.975
     no_load_current_a: NonNegative = 0.5
     current_limit_a: Positive = 5.0
+    brake_torque_nm: NonNegative = 6.0
     rotor_inertia_kgm2: Positive = 0.02
 
 

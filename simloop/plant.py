@@ -16,16 +16,18 @@ from numpy.typing import NDArray
 
 from simloop.config import Config
 from simloop.messages import FloatArray, Truth
+from simloop.track_kernel import apply_tracks
 from simloop.tracks import (
     GROUND,
     HULL,
     OBSTACLE,
     WHEEL,
-    WHEELS_A_SIDE,
     BodyArrays,
+    ContactArrays,
+    Geoms,
     TrackState,
-    apply_tracks,
     track_parameters,
+    zone_rows,
 )
 
 _GRAVITY_MPS2 = 9.81
@@ -36,7 +38,8 @@ _FAR_M = 0.01
 def geom_kinds(model: mujoco.MjModel) -> np.ndarray:
     """(ngeom,) what each geom is to the tracks: ground, obstacle, hull or road wheel i.
 
-    Ground is ``floor`` and whatever is named ``ground_*``; the vehicle is the tree under base_link.
+    Ground is ``floor`` and whatever is named ``ground_*``, or ``loose_*`` (things that may be pushed
+    about); the vehicle is the tree under base_link.
     """
     root = model.body("base_link").id
     kinds = np.full(model.ngeom, OBSTACLE, np.int64)
@@ -44,12 +47,27 @@ def geom_kinds(model: mujoco.MjModel) -> np.ndarray:
         name = model.geom(geom).name
         if model.body_rootid[model.geom_bodyid[geom]] == root:
             kinds[geom] = HULL
-        elif name == "floor" or name.startswith("ground_"):
+        elif name == "floor" or name.startswith(("ground_", "loose_")):
             kinds[geom] = GROUND
-    for side, label in enumerate(("left", "right")):
-        for i in range(WHEELS_A_SIDE):
-            kinds[model.geom(f"road_{label}_{i}").id] = WHEEL + side * WHEELS_A_SIDE + i
+    for number, geom in enumerate(road_wheels(model)):
+        kinds[geom] = WHEEL + number
     return kinds
+
+
+def road_wheels(model: mujoco.MjModel) -> list[int]:
+    """The road wheels' geoms, ``road_left_0`` (the foremost), ``road_left_1``, ..., then the right.
+
+    Raises ValueError where the sides differ in number or there are fewer than two.
+    """
+    sides = []
+    for label in ("left", "right"):
+        count = 0
+        while mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, f"road_{label}_{count}") >= 0:
+            count += 1
+        sides.append([model.geom(f"road_{label}_{i}").id for i in range(count)])
+    if len(sides[0]) != len(sides[1]) or len(sides[0]) < 2:
+        raise ValueError("the vehicle must have the same number of road wheels, two or more, a side")
+    return sides[0] + sides[1]
 
 
 @njit(cache=True)
@@ -157,26 +175,39 @@ class Plant:
         self.data = mujoco.MjData(model)
         self.substeps = round(config.rates.control_s / config.rates.physics_s)
         self._dt_ns = round(config.rates.physics_s * 1e9)
+        wheels = road_wheels(model)
+        x = model.geom_pos[wheels, 0]
         self._parameters = track_parameters(
-            config.tracks, config.motor, config.vehicle, config.rates.physics_s
+            config.tracks,
+            config.motor,
+            config.vehicle,
+            config.rates.physics_s,
+            0.5 * float(x[0] - x[len(x) // 2 - 1]) / (len(x) // 2 - 1),
         )
-        self._kinds = geom_kinds(model)
+        self._zones = zone_rows(config.tracks.zones)
         joints = [model.joint(f"sprocket_{side}_joint") for side in ("left", "right")]
         self._sprocket_dof = np.array([j.dofadr[0] for j in joints], np.int64)
         self._sprocket_qpos = np.array([j.qposadr[0] for j in joints], np.int64)
+        self._geoms = Geoms(geom_kinds(model), model.geom_bodyid, self._sprocket_dof)
         self._base = model.body("base_link").id
         self._qpos, self._qvel = self.data.qpos, self.data.qvel  # views that stay
         self._period_s = config.rates.control_s
-        self._state = TrackState.zeros()
+        self._state = TrackState.zeros(len(wheels))
         self._voltage = np.zeros(2)
+        self._braked = False
         self._body = BodyArrays(
             self.data.xpos[self._base],
             self.data.xmat[self._base],
-            self.data.xipos[self._base],
             self.data.qvel,
-            self.data.xfrc_applied[self._base],
+            self.data.xipos,
+            self.data.cvel,
+            self.data.subtree_com,
+            self.data.xfrc_applied,
+            model.body_rootid,
+            model.body_weldid != 0,
             self.data.qfrc_applied,
             self.model.dof_frictionloss,
+            self._base,
         )
         # Rays see the arena, not the vehicle's own visual (2) and collision (3) geoms.
         self._ray_groups = np.array([1, 1, 0, 0, 0, 0], np.uint8)
@@ -234,6 +265,7 @@ class Plant:
         for array in self._state:
             array[...] = 0
         self._voltage[:] = 0.0
+        self._braked = False
         mujoco.mj_forward(self.model, self.data)
         for _ in range(round(settle_s / self.model.opt.timestep)):
             self._step()
@@ -251,17 +283,18 @@ class Plant:
         self.t_ns += self.substeps * self._dt_ns
         return self.truth(before)
 
+    def brake(self, on: bool) -> None:
+        """Put the holding brakes on both sprockets on or off; the motors' voltages stay as they are."""
+        self._braked = on
+
     def _step(self) -> None:
-        contact = self.data.contact
+        contact, force = self.data.contact, self.data.efc_force
         apply_tracks(
-            contact.geom,
-            contact.pos,
-            contact.frame,
-            contact.efc_address,
-            self.data.efc_force,
-            self._kinds,
-            self._sprocket_dof,
+            ContactArrays(contact.geom, contact.pos, contact.frame, contact.efc_address, force),
+            self._geoms,
+            self._zones,
             self._voltage,
+            self._braked,
             self._body,
             self._state,
             self._parameters,
