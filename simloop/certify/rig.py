@@ -1,0 +1,209 @@
+"""Test rigs: the vehicle of models/tracked_ugv.xml, stretched, loaded, towed, on planes and steps.
+
+Every rig is the very file and the very plant that the loop drives; only lengths, masses, wheels
+and ground are set. No clock, no chance.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+
+from simloop import track_theory as theory
+from simloop.config import Config, RatesConfig, TracksConfig, VehicleConfig
+from simloop.messages import FloatArray, Truth
+from simloop.paths import models_dir
+from simloop.plant import Plant
+
+GRAVITY_MPS2 = 9.81
+CONTROL_S = 0.01
+RADIUS_M = VehicleConfig().sprocket_radius_m
+_HEAVY_KGM2 = 1e4
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """A box on or in the ground: centre, half sizes, m; pitch, rad; mass_kg > 0 makes it loose."""
+
+    centre_m: tuple[float, float, float]
+    half_m: tuple[float, float, float]
+    pitch_rad: float = 0.0
+    mass_kg: float = 0.0
+    friction: float = 0.5
+    name: str = "ground_block"
+
+
+@dataclass(frozen=True, slots=True)
+class Rig:
+    """What is built. Tilts turn gravity: pitch > 0 leads uphill along +x, roll > 0 lifts the left."""
+
+    length_m: float = 0.415
+    gauge_m: float = 0.39
+    wheels: int = 6
+    payload_kg: float = 0.0
+    payload_m: tuple[float, float, float] = (0.0, 0.0, 0.1)
+    friction: float = 0.6
+    step_s: float = 0.002
+    pitch_rad: float = 0.0
+    roll_rad: float = 0.0
+    rolling_resistance: float = 0.02
+    blocks: tuple[Block, ...] = ()
+    floor: bool = True
+    native: bool = False
+    tracks: dict[str, object] = field(default_factory=dict)
+
+    def config(self) -> Config:
+        """The settings of this rig's plant."""
+        return Config(
+            rates=RatesConfig(physics_s=self.step_s),
+            tracks=TracksConfig(
+                friction=self.friction,
+                rolling_resistance=self.rolling_resistance,
+                **self.tracks,  # type: ignore[arg-type]
+            ),
+        )
+
+    def build(self) -> Bench:
+        """The rig at rest, settled."""
+        return Bench(self)
+
+    def support_x(self) -> FloatArray:
+        """(n,) of the road wheels of a side, front to rear, m: the middles of n equal pieces."""
+        cell = self.length_m / self.wheels
+        return 0.5 * self.length_m - cell * (np.arange(self.wheels) + 0.5)
+
+
+class Bench:
+    """A rig's plant with the hands to drive, tow and measure it."""
+
+    def __init__(self, rig: Rig) -> None:
+        self.rig = rig
+        self.plant = Plant(_model(rig), rig.config())
+        self.mass_kg = float(self.plant.model.body_subtreemass[self._base_id()])
+        self.weight_n = self.mass_kg * GRAVITY_MPS2
+        self.truth: Truth = self.plant.reset(np.zeros(3))
+        # (3,) centre of gravity in base_link, which has not moved yet.
+        self.centre_m: FloatArray = self.plant.data.subtree_com[self._base_id()].copy()
+
+    def _base_id(self) -> int:
+        return int(self.plant.model.body("base_link").id)
+
+    def drive(
+        self,
+        volts: tuple[float, float],
+        seconds: float,
+        each: Callable[[Bench], None] | None = None,
+    ) -> Truth:
+        """Constant voltages for a while; ``each`` is called before every control period."""
+        for _ in range(round(seconds / CONTROL_S)):
+            if each is not None:
+                each(self)
+            self.truth = self.plant.step(np.array(volts, dtype=np.float64))
+        return self.truth
+
+    def run_belts(self, left_mps: float, right_mps: float) -> None:
+        """Make the sprockets so heavy that the belts keep these speeds whatever resists."""
+        for side, speed in (("left", left_mps), ("right", right_mps)):
+            dof = self.plant.model.joint(f"sprocket_{side}_joint").dofadr[0]
+            self.plant.model.dof_armature[dof] = _HEAVY_KGM2
+            self.plant.data.qvel[dof] = speed / RADIUS_M
+
+    def lock_belts(self) -> None:
+        """Belts that cannot move."""
+        self.run_belts(0.0, 0.0)
+
+    def tow(self, force_n: float) -> None:
+        """A force along x, at ground level, from now on."""
+        self.plant.data.qfrc_applied[0] = force_n
+
+    def motion(self) -> tuple[float, float, float]:
+        """v_x, v_y, yaw rate in base_link."""
+        v = self.truth.velocity_body
+        return float(v[0]), float(v[1]), float(v[5])
+
+    def belts_mps(self) -> tuple[float, float]:
+        """Belt speeds, left, right."""
+        left, right = RADIUS_M * self.truth.sprocket_radps
+        return float(left), float(right)
+
+    def spin_ratio(self) -> float:
+        """chi: yaw rate over what the belts would give without slip."""
+        left, right = self.belts_mps()
+        return float(self.truth.velocity_body[5]) * self.rig.gauge_m / (right - left)
+
+    def cells(self, fine: int = 50) -> theory.Cells:
+        """The belts as theory has them, with the loads of beam statics spread about each wheel."""
+        x, rig = self.rig.support_x(), self.rig
+        centre = self.centre_m
+        places = [(at, side * 0.5 * rig.gauge_m) for side in (1, -1) for at in x]
+        loads = theory.support_loads(np.array(places), self.weight_n, (centre[0], centre[1]))
+        cell = rig.length_m / (rig.wheels * fine)
+        fine_x = 0.5 * rig.length_m - cell * (np.arange(rig.wheels * fine) + 0.5)
+        spread = np.repeat(loads.reshape(2, -1), fine, axis=1) / fine
+        return theory.Cells(fine_x, spread, rig.gauge_m, cell)
+
+
+def _model(rig: Rig) -> mujoco.MjModel:
+    spec = mujoco.MjSpec.from_file(str(models_dir() / "tracked_ugv.xml"))
+    for geom in list(spec.geoms):
+        if geom.name.startswith(("visual_", "road_")) or geom.name == "ground":
+            spec.delete(geom)
+    for mesh in list(spec.meshes):
+        spec.delete(mesh)
+    for key in list(spec.keys):
+        spec.delete(key)
+    if rig.floor:
+        spec.worldbody.add_geom(
+            name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[50, 50, 0.1], contype=2
+        )
+    base = spec.body("base_link")
+    _add_wheels(spec, base, rig)
+    if rig.payload_kg > 0.0:
+        load = base.add_body(name="payload", pos=list(rig.payload_m))
+        load.mass, load.inertia = rig.payload_kg, [1e-3 * rig.payload_kg] * 3
+        load.explicitinertial = True
+    for number, block in enumerate(rig.blocks):
+        _add_block(spec, block, number)
+    sin, cos = math.sin(rig.pitch_rad), math.cos(rig.pitch_rad)
+    side = math.sin(rig.roll_rad) * cos
+    spec.option.gravity = [
+        -GRAVITY_MPS2 * sin,
+        -GRAVITY_MPS2 * side,
+        -GRAVITY_MPS2 * math.cos(rig.roll_rad) * cos,
+    ]
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    if rig.native:
+        spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    return spec.compile()
+
+
+def _add_wheels(spec: mujoco.MjSpec, base: mujoco.MjsBody, rig: Rig) -> None:
+    style = spec.find_default("road_wheel")
+    for label, sign in (("left", 1.0), ("right", -1.0)):
+        for i, x in enumerate(rig.support_x()):
+            geom = base.add_geom(style, name=f"road_{label}_{i}")
+            geom.pos = [x, sign * 0.5 * rig.gauge_m, RADIUS_M]
+
+
+def _add_block(spec: mujoco.MjSpec, block: Block, number: int) -> None:
+    half = [math.cos(0.5 * block.pitch_rad), 0.0, -math.sin(0.5 * block.pitch_rad), 0.0]
+    loose = block.mass_kg > 0.0
+    name = f"{'loose' if loose else block.name}_{number}"
+    holder = spec.worldbody
+    if loose:
+        holder = spec.worldbody.add_body(name=name, pos=list(block.centre_m), quat=half)
+        holder.add_freejoint()
+    geom = holder.add_geom(
+        name=name, type=mujoco.mjtGeom.mjGEOM_BOX, size=list(block.half_m), contype=1
+    )
+    geom.friction = [block.friction, 0.005, 0.0001]
+    geom.conaffinity = 3 if loose else 0
+    if loose:
+        geom.mass = block.mass_kg
+    else:
+        geom.pos, geom.quat = list(block.centre_m), half
