@@ -257,15 +257,18 @@ class Plant:
             ranges[i] = there if there <= cutoff_m else -1.0
         return ranges
 
-    def reset(self, pose: FloatArray, settle_s: float = 0.5) -> Truth:
-        """Put the vehicle at ``pose`` (3,) x, y, yaw, let it settle, and start the clock at 0."""
+    def reset(self, pose: FloatArray, settle_s: float = 0.5, braked: bool = False) -> Truth:
+        """Put the vehicle at ``pose`` (3,) x, y, yaw, let it settle, and start the clock at 0.
+
+        braked: whether the holding brakes are on from the beginning.
+        """
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:3] = pose[0], pose[1], 0.001
         self.data.qpos[3:7] = np.cos(pose[2] / 2), 0.0, 0.0, np.sin(pose[2] / 2)
         for array in self._state:
             array[...] = 0
         self._voltage[:] = 0.0
-        self._braked = False
+        self._braked = braked
         mujoco.mj_forward(self.model, self.data)
         for _ in range(round(settle_s / self.model.opt.timestep)):
             self._step()

@@ -22,7 +22,7 @@ from simloop.plant import Plant
 GRAVITY_MPS2 = 9.81
 CONTROL_S = 0.01
 RADIUS_M = VehicleConfig().sprocket_radius_m
-_HEAVY_KGM2 = 1e4
+_HEAVY_KGM2 = 1e7
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +54,7 @@ class Rig:
     blocks: tuple[Block, ...] = ()
     floor: bool = True
     native: bool = False
+    braked: bool = False
     tracks: dict[str, object] = field(default_factory=dict)
 
     def config(self) -> Config:
@@ -85,7 +86,7 @@ class Bench:
         self.plant = Plant(_model(rig), rig.config())
         self.mass_kg = float(self.plant.model.body_subtreemass[self._base_id()])
         self.weight_n = self.mass_kg * GRAVITY_MPS2
-        self.truth: Truth = self.plant.reset(np.zeros(3))
+        self.truth: Truth = self.plant.reset(np.zeros(3), braked=rig.braked)
         # (3,) centre of gravity in base_link, which has not moved yet.
         self.centre_m: FloatArray = self.plant.data.subtree_com[self._base_id()].copy()
 

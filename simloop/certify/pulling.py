@@ -1,0 +1,131 @@
+"""Pulling and motors: slip curves, bollard pull, stall, current limit, free-wheeling."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from simloop import track_theory as theory
+from simloop.certify.checks import Check, absolute, at_most, relative
+from simloop.certify.rig import CONTROL_S, RADIUS_M, Bench, Rig
+from simloop.config import MotorConfig
+
+MODULUS_M = 0.001
+_BELT_MPS = 0.2
+_WINCH_NSPM = 400.0
+
+
+def straight() -> Iterator[Check]:
+    """v = r w (1 - i) with i next to nothing on the level (form 1)."""
+    for speed in (0.5, 3.0, 12.0):
+        bench = Rig().build()
+        bench.run_belts(speed * RADIUS_M, speed * RADIUS_M)
+        bench.drive((0.0, 0.0), 1.5)
+        expected = theory.ground_speed(RADIUS_M, speed, 0.0)
+        yield relative("straight", f"{speed} rad/s", bench.motion()[0], expected, 0.001, "m/s")
+        yield at_most("straight", f"{speed} rad/s: drift", abs(bench.motion()[1]), 1e-4, "m/s")
+
+
+def slip_curve() -> Iterator[Check]:
+    """Janosi-Hanamoto's pull over slip (form 5), towed by a force and by a winch."""
+    for share in (0.2, 0.5, 0.8, 0.95):
+        bench = Rig().build()
+        bench.run_belts(_BELT_MPS, _BELT_MPS)
+        bench.tow(-share * 0.6 * bench.weight_n)
+        bench.drive((0.0, 0.0), 4.0)
+        slip = _slip(bench)
+        expected = theory.slip_at_drawbar(share, 0.415, MODULUS_M)
+        yield relative("slip curve", f"towed by {share} mu W: slip", slip, expected, 0.02)
+    for slip in (0.001, 0.003, 0.01, 0.03, 0.1, 0.5):
+        for wheels in (6,) if slip != 0.01 else (4, 6, 10):
+            pull, got = _winched(Rig(wheels=wheels), slip)
+            expected = theory.drawbar_ratio(got, 0.415, MODULUS_M)
+            name = f"winch, slip {slip}, {wheels} wheels: pull / mu W"
+            yield relative("slip curve", name, pull, expected, 0.02)
+    for step in (0.001, 0.005):
+        pull, got = _winched(Rig(step_s=step), 0.01)
+        expected = theory.drawbar_ratio(got, 0.415, MODULUS_M)
+        yield relative("slip curve", f"winch, slip 0.01, step {step * 1e3:g} ms", pull, expected, 0.02)
+
+
+def _winched(rig: Rig, slip: float) -> tuple[float, float]:
+    """Pull over mu W, and the slip, at a speed that a stiff winch holds; the belts run on."""
+    bench = rig.build()
+    bench.run_belts(_BELT_MPS, _BELT_MPS)
+    wanted, gathered = _BELT_MPS * (1.0 - slip), [0.0]
+
+    def winch(it: Bench) -> None:
+        gap = wanted - it.motion()[0]
+        gathered[0] += gap * CONTROL_S
+        it.tow(_WINCH_NSPM * (gap + 5.0 * gathered[0]))
+
+    bench.drive((0.0, 0.0), 4.0, winch)
+    pull = float(bench.plant.tracks.track_force.sum())
+    return pull / (rig.friction * bench.weight_n), _slip(bench)
+
+
+def _slip(bench: Bench) -> float:
+    return 1.0 - 2.0 * bench.motion()[0] / sum(bench.belts_mps())
+
+
+def bollard() -> Iterator[Check]:
+    """Held by an immovable rope: the pull is mu W or what the motors' current gives (forms 5, 7)."""
+    motor, rolling = MotorConfig(), 0.02
+    for friction in (0.2, 0.5, 0.8, 1.0):
+        bench = Rig(friction=friction).build()
+        bench.drive((24.0, 24.0), 1.0, _rope)
+        pull = float(bench.plant.tracks.track_force.sum())
+        most = friction * bench.weight_n * theory.drawbar_ratio(1.0, 0.415, MODULUS_M)
+        yield relative("bollard", f"mu {friction}: pull", pull, most, 0.02, "N")
+        torque = motor.torque_nm_per_a * bench.truth.motor_current_a[0]
+        loss = motor.no_load_current_a * motor.torque_nm_per_a
+        slips = theory.slipping_torque(friction, 0.5 * bench.weight_n, RADIUS_M)
+        needed = slips + loss + rolling * 0.5 * bench.weight_n * RADIUS_M
+        yield relative("bollard", f"mu {friction}: sprocket torque", torque, needed, 0.02, "N m")
+    for volts, limit in ((2.0, 5.0), (24.0, 5.0)):
+        rig = Rig(friction=2.0, payload_kg=10.0, payload_m=(0.0, 0.0, 0.1))
+        bench = rig.build()
+        # Slowly, so that it does not swing back: then the gears' friction would push, not brake.
+        for share in np.linspace(0.1, 1.0, 10):
+            bench.drive((share * volts, share * volts), 0.3, _rope)
+        bench.drive((volts, volts), 3.0, _rope)
+        loss = motor.no_load_current_a * motor.torque_nm_per_a
+        loss += rolling * 0.5 * bench.weight_n * RADIUS_M
+        force = theory.stall_force(
+            volts, motor.resistance_ohm, motor.torque_nm_per_a, limit, loss, RADIUS_M
+        )
+        pull = 0.5 * float(bench.plant.tracks.track_force.sum())
+        yield relative("stall", f"{volts:g} V: force a track", pull, force, 0.02, "N")
+        current = min(volts / motor.resistance_ohm, limit)
+        got = float(bench.truth.motor_current_a[0])
+        yield relative("stall", f"{volts:g} V: current", got, current, 0.001, "A")
+
+
+def _rope(bench: Bench) -> None:
+    """Holds base_link with a spring and a damper so stiff that the vehicle stays where it was."""
+    x, v = bench.truth.pose_xyyaw[0], bench.motion()[0]
+    bench.tow(-8000.0 * x - 600.0 * v)
+
+
+def motors() -> Iterator[Check]:
+    """Speed under the rolling load, and coasting: shorted, gear friction brings it to rest."""
+    motor = MotorConfig()
+    for volts in (6.0, 12.0, 24.0):
+        bench = Rig().build()
+        bench.drive((volts, volts), 3.0)
+        load = motor.no_load_current_a * motor.torque_nm_per_a
+        load += 0.02 * 0.5 * bench.weight_n * RADIUS_M
+        speed = theory.motor_speed(
+            volts, load, motor.resistance_ohm, motor.torque_nm_per_a, motor.back_emf_v_per_radps
+        )
+        got = float(bench.truth.sprocket_radps.mean())
+        yield relative("motor", f"{volts:g} V: sprocket speed", got, speed, 0.005, "rad/s")
+    bench.drive((0.0, 0.0), 2.0)
+    still = float(np.abs(bench.truth.velocity_body).max())
+    yield at_most("motor", "shorted for 2 s: speed", still, 1e-4, "m/s")
+    current = float(np.abs(bench.truth.motor_current_a).max())
+    yield at_most("at rest", "current", current, 1e-4, "A")
+    before = bench.truth.energy_j
+    bench.drive((0.0, 0.0), 2.0)
+    yield absolute("at rest", "energy drawn in 2 s", bench.truth.energy_j - before, 0.0, 1e-6, "J")

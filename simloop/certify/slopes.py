@@ -1,0 +1,123 @@
+"""Slopes up, down and across; braking; the edge of tipping."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from simloop import track_theory as theory
+from simloop.certify.checks import Check, absolute, at_most, relative, verdict
+from simloop.certify.rig import CONTROL_S, GRAVITY_MPS2, RADIUS_M, Bench, Rig
+from simloop.config import MotorConfig
+
+CREEP_MPS = 1e-3
+_REARED_RAD = 0.02
+
+
+def _crept(bench: Bench, seconds: float = 1.0) -> float:
+    """Mean speed, m/s, after two seconds in which the rubber takes up its shear."""
+    bench.drive((0.0, 0.0), 2.0)
+    start = bench.truth.position_m.copy()
+    bench.drive((0.0, 0.0), seconds)
+    return float(np.linalg.norm(bench.truth.position_m - start)) / seconds
+
+
+def braked(group: str = "brakes on") -> Iterator[Check]:
+    """With brakes on it stays on any slope below atan(mu), and slides beyond it (form 6)."""
+    for friction in (0.2, 0.4, 0.6, 0.8):
+        limit = theory.holding_angle(friction)
+        for share in (0.5, 0.9, 0.98):
+            for label, rig in _tilted(friction, share * limit):
+                bench = rig.build()
+                name = f"mu {friction}, {label}, {share:g} atan(mu): creep"
+                yield at_most(group, name, _crept(bench), CREEP_MPS, "m/s")
+        for label, rig in _tilted(friction, 1.05 * limit):
+            bench = rig.build()
+            bench.drive((0.0, 0.0), 0.5)
+            before = np.linalg.norm(bench.truth.velocity_body[:3])
+            bench.drive((0.0, 0.0), 0.5)
+            gain = float(np.linalg.norm(bench.truth.velocity_body[:3]) - before) / 0.5
+            expected = theory.sliding_acceleration(friction, 1.05 * limit)
+            name = f"mu {friction}, {label}, 1.05 atan(mu): acceleration"
+            yield absolute(group, name, gain, expected, 0.02 * friction * GRAVITY_MPS2, "m/s2")
+
+
+def _tilted(friction: float, angle: float) -> Iterator[tuple[str, Rig]]:
+    yield "nose up", Rig(friction=friction, pitch_rad=angle, braked=True)
+    yield "nose down", Rig(friction=friction, pitch_rad=-angle, braked=True)
+    yield "sideways", Rig(friction=friction, roll_rad=angle, braked=True)
+
+
+def unpowered() -> Iterator[Check]:
+    """Without brakes the gears hold up to their own friction: sin(t) W r = 2 T + f cos(t) W r."""
+    motor = MotorConfig()
+    gear = motor.no_load_current_a * motor.torque_nm_per_a
+    weight = Rig().build().weight_n
+    limit = theory.climbing_angle(2.0 * gear / RADIUS_M, weight, -0.02, 1.0)
+    for share, holds in ((0.95, True), (1.08, False)):
+        speed = _crept(Rig(pitch_rad=share * limit).build())
+        yield verdict("motors shorted", f"holds {share:g} of its limit", speed < CREEP_MPS, holds)
+
+
+def climbing() -> Iterator[Check]:
+    """Full current: climbs below min(asin F/W, atan mu), not above; up a slope at a set speed."""
+    motor = MotorConfig()
+    for friction in (0.3, 0.6, 0.9):
+        weight = 98.1
+        gear = motor.no_load_current_a * motor.torque_nm_per_a
+        thrust = 2.0 * (motor.torque_nm_per_a * motor.current_limit_a - gear) / RADIUS_M
+        limit = theory.climbing_angle(thrust, weight, 0.02, friction)
+        for share, climbs in ((0.97, True), (1.03, False)):
+            bench = Rig(friction=friction, pitch_rad=share * limit).build()
+            bench.drive((24.0, 24.0), 1.0)
+            name = f"mu {friction}, {share} of the limit"
+            yield verdict("climbing", name, bench.motion()[0] > 0.0, climbs)
+    # A heavy load: now the driver's current is the limit, not the ground.
+    heavy = Rig(friction=1.0, payload_kg=20.0, payload_m=(0.0, 0.0, 0.02))
+    weight = heavy.build().weight_n
+    thrust = 2.0 * (motor.torque_nm_per_a * (5.0 - motor.no_load_current_a)) / RADIUS_M
+    limit = theory.climbing_angle(thrust, weight, 0.02, 1.0)
+    for share, climbs in ((0.97, True), (1.03, False)):
+        bench = Rig(
+            friction=1.0, payload_kg=20.0, payload_m=(0.0, 0.0, 0.02), pitch_rad=share * limit
+        ).build()
+        bench.drive((24.0, 24.0), 1.5)
+        name = f"30 kg, current's limit, {share:g} of it"
+        yield verdict("climbing", name, bench.motion()[0] > 0.0, climbs)
+
+
+def braking() -> Iterator[Check]:
+    """Locked belts at speed: the deceleration is mu g cos(t) - g sin(t) (form 6)."""
+    for friction in (0.2, 0.5, 0.8):
+        for pitch in (-0.1, 0.0, 0.1):
+            bench = Rig(friction=friction, pitch_rad=pitch).build()
+            bench.lock_belts()
+            bench.plant.data.qvel[0] = 1.5
+            bench.drive((0.0, 0.0), 0.03)
+            before = bench.motion()[0]
+            bench.drive((0.0, 0.0), 0.1)
+            got = (before - bench.motion()[0]) / 0.1
+            expected = -theory.sliding_acceleration(friction, -pitch)
+            name = f"mu {friction}, slope {pitch:g} rad"
+            yield relative("braking", name, got, expected, 0.02, "m/s2")
+
+
+def tipping() -> Iterator[Check]:
+    """Tilted ever more, it rears over its rearmost wheels at tan(t) = x/h (form 6)."""
+    rig = Rig(friction=1.5, payload_kg=10.0, payload_m=(0.0, 0.0, 0.35), braked=True)
+    bench = rig.build()
+    centre = bench.centre_m
+    limit = theory.tipping_angle(float(centre[0] - rig.support_x()[-1]), float(centre[2]))
+    angle, reared = 0.9 * limit, False
+    while angle < 1.1 * limit and not reared:
+        angle += 0.01 * CONTROL_S
+        bench.plant.model.opt.gravity[:] = (
+            -GRAVITY_MPS2 * math.sin(angle),
+            0.0,
+            -GRAVITY_MPS2 * math.cos(angle),
+        )
+        bench.drive((0.0, 0.0), CONTROL_S)
+        reared = abs(bench.truth.quaternion_wxyz[2]) > 0.5 * _REARED_RAD
+    yield relative("tipping", "angle at which it rears", angle, limit, 0.02, "rad")
