@@ -206,6 +206,7 @@ class Plant:
             model.body_rootid,
             model.body_weldid != 0,
             self.data.qfrc_applied,
+            self.data.qfrc_constraint,
             self.model.dof_frictionloss,
             self._base,
         )

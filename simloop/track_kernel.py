@@ -186,10 +186,42 @@ def _shear_patch(
         _push(body, body.base, (x, y, z), force, 1.0)
         if body.moves[number]:
             _push(body, number, (x, y, z), force, -1.0)
-        state.work[1] -= (along * slip[0] + across * slip[1]) * p.dt
         thrust += along
         slipping += 0.5 * slip[0]
     return thrust, slipping
+
+
+@njit(cache=True)
+def _account(
+    spin: Any, geoms: Geoms, body: BodyArrays, state: TrackState, p: TrackParameters
+) -> None:
+    """Add the last step's work, J: its forces times the mean of the velocities before and after.
+
+    So the kinetic energy that a force gives in a step is what it is said to have given, exactly.
+    """
+    vel, pos = body.velocity, body.position
+    com, wrench, last = body.com[body.base], body.wrench[body.base], state.last
+    ux, uy, uz = _cross(spin[0], spin[1], spin[2], com[0] - pos[0], com[1] - pos[1], com[2] - pos[2])
+    twist = (vel[0] + ux, vel[1] + uy, vel[2] + uz, spin[0], spin[1], spin[2])
+    shear = 0.0
+    for k in range(6):
+        shear -= wrench[k] * 0.5 * (last[k] + twist[k])
+        last[k] = twist[k]
+    for number in range(1, body.moves.shape[0]):
+        if number != body.base and body.moves[number] and np.any(body.wrench[number]):
+            at, force = body.com[number], body.wrench[number]
+            vx, vy, vz = _velocity(body, number, at[0], at[1], at[2])
+            v = body.cvel[number]
+            shear -= force[0] * vx + force[1] * vy + force[2] * vz
+            shear -= force[3] * v[0] + force[4] * v[1] + force[5] * v[2]
+    for side in range(2):
+        dof = geoms.sprocket_dof[side]
+        speed = 0.5 * (last[6 + side] + vel[dof])
+        last[6 + side] = vel[dof]
+        shear += p.radius * state.track_force[side] * speed
+        state.work[2] -= body.joint_constraint[dof] * speed * p.dt
+        state.work[3] += p.torque_per_a * state.current[side] * speed * p.dt
+    state.work[1] += shear * p.dt
 
 
 @njit(cache=True)
@@ -205,9 +237,7 @@ def _drive(
 ) -> None:
     """The motor's torque, the belt's reaction and the friction on one sprocket's joint."""
     dof = geoms.sprocket_dof[side]
-    speed = body.velocity[dof]
-    state.work[2] += body.joint_friction[dof] * abs(speed) * p.dt
-    current = motor_current(voltage, speed, p)
+    current = motor_current(voltage, body.velocity[dof], p)
     state.current[side] = current
     state.work[0] += voltage * current * p.dt
     body.joint_force[dof] = p.torque_per_a * current - p.radius * state.track_force[side]
@@ -238,6 +268,7 @@ def apply_tracks(
     )
     wheels = state.load.shape[0]
     a_side = wheels // 2
+    _account(spin, geoms, body, state, p)
     body.wrench[:] = 0.0
     state.load[:] = 0.0
     state.touching[0] = 0

@@ -57,8 +57,9 @@ class TrackState(NamedTuple):
     normal: (wheels, patches, 3) of the patches in base_link, 0 where none is; body: (wheels,
     patches) what they lie on. main: (wheels,) the most loaded patch, -1 where none is.
     load: (wheels,) N. current: (2,) A. track_force: (2,) N along the belt. slip: (2,) m/s along
-    the belt, weighted by load. work: (3,) J of electrical energy, of shear work and of joint
-    friction. touching: (1,) contacts of the vehicle with anything but the ground.
+    the belt, weighted by load. work: (4,) J of electrical energy, of shear work, of joint friction
+    and of the motors' shafts. last: (8,) velocities of the last step: base_link's at its centre of
+    mass, linear, angular, and the sprockets'. touching: (1,) contacts of the vehicle with anything but the ground.
     """
 
     mean: FloatArray
@@ -71,6 +72,7 @@ class TrackState(NamedTuple):
     track_force: FloatArray
     slip: FloatArray
     work: FloatArray
+    last: FloatArray
     touching: NDArray[np.int64]
 
     @classmethod
@@ -86,7 +88,8 @@ class TrackState(NamedTuple):
             np.zeros(2),
             np.zeros(2),
             np.zeros(2),
-            np.zeros(3),
+            np.zeros(4),
+            np.zeros(8),
             np.zeros(1, np.int64),
         )
 
@@ -107,7 +110,8 @@ class BodyArrays(NamedTuple):
     position, rotation: (3,), (9,) of base_link; velocity: (nv,) qvel, whose first six
     are base_link's linear velocity (world) and angular velocity (base_link);
     com, cvel, subtree_com, wrench: (nbody, ...) of all bodies; root: (nbody,) their trees' roots;
-    moves: (nbody,) whether they can; joint_force, joint_friction: (nv,); base: base_link's number.
+    moves: (nbody,) whether they can; joint_force, joint_constraint,
+    joint_friction: (nv,); base: base_link's number.
     """
 
     position: FloatArray
@@ -120,6 +124,7 @@ class BodyArrays(NamedTuple):
     root: NDArray[np.int32]
     moves: NDArray[np.bool_]
     joint_force: FloatArray
+    joint_constraint: FloatArray
     joint_friction: FloatArray
     base: int
 

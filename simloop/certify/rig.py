@@ -1,7 +1,7 @@
 """Test rigs: the vehicle of models/tracked_ugv.xml, stretched, loaded, towed, on planes and steps.
 
 Every rig is the very file and the very plant that the loop drives; only lengths, masses, wheels
-and ground are set. No clock, no chance.
+and ground are set. native_belts_mps: MuJoCo's own friction under surfaces that move. No clock, no chance.
 """
 
 from __future__ import annotations
@@ -22,18 +22,20 @@ from simloop.plant import Plant
 GRAVITY_MPS2 = 9.81
 CONTROL_S = 0.01
 RADIUS_M = VehicleConfig().sprocket_radius_m
-_HEAVY_KGM2 = 1e7
+_HEAVY_KGM2, _HEAVY_KG = 1e7, 1e6
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """A box on or in the ground: centre, half sizes, m; pitch, rad; mass_kg > 0 makes it loose."""
+    """A box on or in the ground: centre, half sizes, m; pitch, rad; mass_kg > 0 makes it loose,
+    on_rails lets it move along x alone."""
 
     centre_m: tuple[float, float, float]
     half_m: tuple[float, float, float]
     pitch_rad: float = 0.0
     mass_kg: float = 0.0
     friction: float = 0.5
+    on_rails: bool = False
     name: str = "ground_block"
 
 
@@ -53,7 +55,7 @@ class Rig:
     rolling_resistance: float = 0.02
     blocks: tuple[Block, ...] = ()
     floor: bool = True
-    native: bool = False
+    native_belts_mps: tuple[float, float] | None = None
     braked: bool = False
     tracks: dict[str, object] = field(default_factory=dict)
 
@@ -121,6 +123,12 @@ class Bench:
         """A force along x, at ground level, from now on."""
         self.plant.data.qfrc_applied[0] = force_n
 
+    def winch(self, speed_mps: float) -> None:
+        """Make the vehicle so heavy along x that it keeps this speed whatever pulls."""
+        # Along y and about z as well: a vehicle that is pulled backwards would turn round.
+        self.plant.model.dof_armature[[0, 1, 5]] = _HEAVY_KG
+        self.plant.data.qvel[0] = speed_mps
+
     def motion(self) -> tuple[float, float, float]:
         """v_x, v_y, yaw rate in base_link."""
         v = self.truth.velocity_body
@@ -178,7 +186,7 @@ def _model(rig: Rig) -> mujoco.MjModel:
     ]
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
-    if rig.native:
+    if rig.native_belts_mps is not None:
         spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     return spec.compile()
 
@@ -189,6 +197,9 @@ def _add_wheels(spec: mujoco.MjSpec, base: mujoco.MjsBody, rig: Rig) -> None:
         for i, x in enumerate(rig.support_x()):
             geom = base.add_geom(style, name=f"road_{label}_{i}")
             geom.pos = [x, sign * 0.5 * rig.gauge_m, RADIUS_M]
+            if rig.native_belts_mps is not None:
+                geom.condim, geom.friction = 3, [rig.friction, 0.005, 0.0001]
+                geom.surfacevel = [-rig.native_belts_mps[0 if sign > 0 else 1], 0.0, 0.0]
 
 
 def _add_block(spec: mujoco.MjSpec, block: Block, number: int) -> None:
@@ -198,12 +209,15 @@ def _add_block(spec: mujoco.MjSpec, block: Block, number: int) -> None:
     holder = spec.worldbody
     if loose:
         holder = spec.worldbody.add_body(name=name, pos=list(block.centre_m), quat=half)
-        holder.add_freejoint()
+        if block.on_rails:
+            holder.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1.0, 0.0, 0.0])
+        else:
+            holder.add_freejoint()
     geom = holder.add_geom(
         name=name, type=mujoco.mjtGeom.mjGEOM_BOX, size=list(block.half_m), contype=1
     )
     geom.friction = [block.friction, 0.005, 0.0001]
-    geom.conaffinity = 3 if loose else 0
+    geom.conaffinity = 3 if loose and not block.on_rails else 0
     if loose:
         geom.mass = block.mass_kg
     else:

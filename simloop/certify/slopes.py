@@ -14,6 +14,7 @@ from simloop.config import MotorConfig
 
 CREEP_MPS = 1e-3
 _REARED_RAD = 0.02
+_TILT_RADPS = 0.005
 
 
 def _crept(bench: Bench, seconds: float = 1.0) -> float:
@@ -112,7 +113,7 @@ def tipping() -> Iterator[Check]:
     limit = theory.tipping_angle(float(centre[0] - rig.support_x()[-1]), float(centre[2]))
     angle, reared = 0.9 * limit, False
     while angle < 1.1 * limit and not reared:
-        angle += 0.01 * CONTROL_S
+        angle += _TILT_RADPS * CONTROL_S
         bench.plant.model.opt.gravity[:] = (
             -GRAVITY_MPS2 * math.sin(angle),
             0.0,

@@ -1,0 +1,160 @@
+"""Ground that is no plane, loose things, walls, energy and momentum."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import mujoco
+import numpy as np
+
+from simloop import track_theory as theory
+from simloop.certify.checks import Check, absolute, at_most, relative, verdict
+from simloop.certify.rig import GRAVITY_MPS2, RADIUS_M, Bench, Block, Rig
+from simloop.config import FrictionZone
+
+_SEED = 20261125
+
+
+def energy() -> Iterator[Check]:
+    """Work of the motors' shafts = kinetic + potential + shear + joint friction (form 8)."""
+    rng = np.random.default_rng(_SEED)
+    for step in (0.001, 0.002, 0.005):
+        for number in range(4):
+            pitch = float(rng.uniform(-0.2, 0.2))
+            bench = Rig(step_s=step, friction=float(rng.uniform(0.3, 0.9)), pitch_rad=pitch).build()
+            before = _mechanical(bench)
+            for _ in range(12):
+                left, right = rng.uniform(-24.0, 24.0, 2)
+                bench.drive((left, right), float(rng.uniform(0.1, 0.5)))
+            work = bench.plant.tracks.work
+            spent = _mechanical(bench) - before + work[1] + work[2]
+            name = f"random manoeuvre {number}, step {step * 1e3:g} ms"
+            yield relative("energy", name, float(spent), float(work[3]), 0.01, "J")
+
+
+def _mechanical(bench: Bench) -> float:
+    """Kinetic and potential energy, J."""
+    model, data = bench.plant.model, bench.plant.data
+    mujoco.mj_forward(model, data)
+    mujoco.mj_energyPos(model, data)
+    mujoco.mj_energyVel(model, data)
+    return float(data.energy.sum())
+
+
+def steps_agree() -> Iterator[Check]:
+    """Where a manoeuvre ends at 5 ms against 1 ms steps, as a share of the way driven."""
+    for friction in (0.3, 0.6, 0.9):
+        ends, ways = [], []
+        for step in (0.001, 0.005):
+            bench = Rig(step_s=step, friction=friction).build()
+            way = 0.0
+            for left, right in ((10.0, 10.0), (4.0, 16.0), (-8.0, 12.0), (15.0, 6.0), (0.0, 0.0)):
+                bench.drive((left, right), 0.8)
+                way += 0.8 * RADIUS_M * 6.0
+            ends.append(bench.truth.pose_xyyaw.copy())
+            ways.append(way)
+        gap = np.abs(ends[1] - ends[0])
+        share = float(np.hypot(gap[0], gap[1])) / ways[0]
+        yield absolute("1 to 5 ms", f"mu {friction}: end's shift / way", share, 0.0, 0.01)
+        turned = float(gap[2] / np.abs(ends[0][2]))
+        yield absolute("1 to 5 ms", f"mu {friction}: yaw", turned, 0.0, 0.01)
+
+
+def zones() -> Iterator[Check]:
+    """Half of the robot on ice: each track pulls what its own ground gives."""
+    ice = FrictionZone((-5.0, 0.0), (5.0, 5.0), 0.15)
+    bench = Rig(friction=0.7, tracks={"zones": (ice,)}).build()
+    bench.winch(0.0)
+    bench.drive((20.0, 20.0), 1.0)
+    for side, (label, friction) in enumerate((("left, on ice", 0.15), ("right", 0.7))):
+        pull = float(bench.plant.tracks.track_force[side])
+        expected = friction * 0.5 * bench.weight_n * theory.drawbar_ratio(1.0, 0.415, 0.001)
+        yield relative("friction zones", f"pull {label}", pull, expected, 0.02, "N")
+
+
+def loose() -> Iterator[Check]:
+    """A box is pushed with its own friction's force; a sled under the tracks takes their thrust."""
+    for mass, friction in ((1.0, 0.5), (3.0, 0.4)):
+        box = Block((0.4, 0.0, 0.08), (0.1, 0.15, 0.08), 0.0, mass, friction)
+        rig = Rig(blocks=(box,))
+        bench = rig.build()
+        model = bench.plant.model
+        model.geom_friction[model.geom("floor").id, 0] = friction
+        for geom in range(model.ngeom):
+            # A hull that rubs would carry a part of the box.
+            if model.geom(geom).name.startswith("hull_"):
+                model.geom_friction[geom, 0] = 1e-5
+        bench.drive((8.0, 8.0), 3.0)
+        pull = float(bench.plant.tracks.track_force.sum())
+        expected = friction * mass * GRAVITY_MPS2
+        yield relative("loose box", f"{mass:g} kg: thrust", pull, expected, 0.02, "N")
+    sled = Block((0.0, 0.0, -0.05), (1.0, 0.5, 0.05), 0.0, 5.0, on_rails=True)
+    bench = Rig(blocks=(sled,), floor=False).build()
+    bench.drive((12.0, 12.0), 0.6)
+    data, model = bench.plant.data, bench.plant.model
+    sled_v = float(data.qvel[model.jnt_dofadr[-1]])
+    # The sled's joint stands last; the sprockets' spin carries no momentum along x.
+    vehicle = bench.mass_kg * bench.truth.velocity_body[0]
+    name = "sled's momentum to the vehicle's"
+    yield relative("loose sled", name, -5.0 * sled_v, float(vehicle), 0.001, "N s")
+
+
+def steps() -> Iterator[Check]:
+    """Steps from below to above the height that plane statics allows."""
+    for friction in (0.3, 0.4, 0.5):
+        bench = Rig().build()
+        x, height = bench.rig.support_x()[0], float(bench.centre_m[2])
+        limit = theory.climbable_step(friction, RADIUS_M, float(x), float(x), height)
+        for share, climbs in ((0.85, True), (1.15, False)):
+            tall = share * limit
+            block = Block((1.0 + 0.215, 0.0, 0.5 * tall - 0.5), (1.0, 1.0, 0.5 + 0.5 * tall))
+            bench = Rig(friction=friction, blocks=(_top(block, tall),)).build()
+            bench.drive((4.0, 4.0), 4.0)
+            up = bool(bench.truth.position_m[2] > 0.5 * tall)
+            name = f"mu {friction}: {tall * 1e3:.1f} mm, {share} of the limit"
+            yield verdict("steps", name, up, climbs)
+    sill = Block((0.4, 0.0, 0.0025), (0.02, 1.0, 0.0025))
+    bench = Rig(blocks=(sill,)).build()
+    bench.drive((8.0, 8.0), 5.0)
+    yield verdict("steps", "a sill of 5 mm is crossed", bool(bench.truth.position_m[0] > 0.7), True)
+
+
+def _top(block: Block, height: float) -> Block:
+    """The block with its upper face at a height, half a metre deep in the ground."""
+    x, y, _ = block.centre_m
+    return Block((x, y, height - 0.5), (block.half_m[0], block.half_m[1], 0.5))
+
+
+def ramps() -> Iterator[Check]:
+    """A ramp of geometry climbs like tilted gravity, up to where friction ends."""
+    for friction, angle, climbs in ((0.6, 0.25, True), (0.3, 0.25, True), (0.2, 0.25, False)):
+        ramp = Block(
+            (0.25 + math.cos(angle), 0.0, math.sin(angle) - 0.1 * math.cos(angle)),
+            (1.0, 1.0, 0.1),
+            angle,
+        )
+        bench = Rig(friction=friction, blocks=(ramp,)).build()
+        bench.drive((12.0, 12.0), 5.0)
+        up = bool(bench.truth.position_m[2] > 0.2)
+        yield verdict("ramps", f"mu {friction}, {math.degrees(angle):.0f} degrees", up, climbs)
+
+
+def walls() -> Iterator[Check]:
+    """Against a wall at full voltage: it does not climb, stick, or gain energy."""
+    wall = Block((0.55, 0.0, 0.5), (0.1, 2.0, 0.5), name="wall")
+    for name, left, right in (("head on", 24.0, 24.0), ("slanting", 24.0, 18.0)):
+        bench = Rig(friction=1.0, blocks=(wall,)).build()
+        start = _mechanical(bench)
+        highest, gain = 0.0, 0.0
+        for _ in range(300):
+            bench.drive((left, right), 0.01)
+            highest = max(highest, float(bench.truth.position_m[2]))
+            work = bench.plant.tracks.work
+            gain = max(gain, _mechanical(bench) - start + work[1] + work[2] - work[3])
+        yield at_most("walls", f"{name}: rise", highest, 0.002, "m")
+        yield at_most("walls", f"{name}: energy from nowhere", gain, 0.05, "J")
+        at = bench.truth.position_m[:2].copy()
+        bench.drive((-12.0, -12.0), 2.0)
+        away = float(np.hypot(*(bench.truth.position_m[:2] - at)))
+        yield verdict("walls", f"{name}: it comes off again", away > 0.2, True)
