@@ -145,6 +145,35 @@ def run_scenario(
     return 0 if result.reached else 1
 
 
+@app.command("certify")
+def certify(
+    json_file: JsonFile = None,
+    only: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="This family of checks alone.")
+    ] = None,
+) -> int:
+    """Track physics against closed forms: exit code 0 if every check holds, 1 if not."""
+    from simloop import certify as certificate
+    from simloop.bench_loop import machine
+    from simloop.errors import did_you_mean
+    from simloop.metrics import versions
+    from simloop.report import checking, print_certificate
+
+    for name in only or ():
+        if name not in certificate.families():
+            raise InputError(f"--only {name}: unknown{did_you_mean(name, certificate.families())}")
+    _check_json(json_file)
+    checks = []
+    with checking(Console(stderr=True)) as report:
+        for check in certificate.run(only or ()):
+            checks.append(check)
+            report(check.group, len(checks))
+    print_certificate(Console(), checks)
+    figures = certificate.figures(checks)
+    _write_json(json_file, {**figures, "versions": versions(), "machine": machine()})
+    return 0 if figures["ok"] else 1
+
+
 @bench_app.command("loop")
 def bench_loop(
     json_file: JsonFile = None,

@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn
+
+if TYPE_CHECKING:
+    from simloop.certify.checks import Check
 
 _OUTCOMES = {
     "reached": ("green", "goal reached"),
@@ -65,6 +68,45 @@ def progress_bar(
             bar.update(task, completed=max(0.0, share), t=sim_time_s, to_go=to_go_m)
 
         yield advance
+
+
+@contextmanager
+def checking(console: Console) -> Iterator[Callable[[str, int], None]]:
+    """A spinner with what is being checked; on terminals only."""
+    status = console.status("checking")
+    if console.is_terminal:
+        status.start()
+    try:
+        yield lambda group, count: status.update(f"{count} checks done: {group}")
+    finally:
+        status.stop()
+
+
+def print_certificate(console: Console, checks: Sequence[Check]) -> None:
+    """One table a group, and the verdict; informative rows are for comparison only."""
+    groups: dict[str, list[Check]] = {}
+    for check in checks:
+        groups.setdefault(check.group, []).append(check)
+    for group, members in groups.items():
+        rows = [
+            [
+                check.name,
+                f"{check.value:.5g} {check.unit}".rstrip(),
+                f"{check.expected:.5g}",
+                f"{check.error:.2g}",
+                f"{check.tolerance:g}",
+                "compared" if check.informative else ("ok" if check.ok else "FAILED"),
+            ]
+            for check in members
+        ]
+        header = ["check", "value", "expected", "error", "tolerance", ""]
+        print_table(console, group, header, rows)
+    counted = [check for check in checks if not check.informative]
+    failed = sum(not check.ok for check in counted)
+    verdict = f"[bold red]{failed} of {len(counted)} checks failed[/]"
+    if not failed:
+        verdict = f"[bold green]all {len(counted)} checks hold[/]"
+    console.print(verdict, highlight=False)
 
 
 def print_result(console: Console, metrics: Mapping[str, Any]) -> None:

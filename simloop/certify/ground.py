@@ -42,6 +42,21 @@ def _mechanical(bench: Bench) -> float:
     return float(data.energy.sum())
 
 
+def _now(bench: Bench) -> float:
+    """The same without touching the simulation's state; positions are a step old."""
+    model, data = bench.plant.model, bench.plant.data
+    momentum = np.empty(model.nv)
+    mujoco.mj_mulM(model, data, momentum, data.qvel)
+    height = float((model.body_mass[:, None] * data.xipos * model.opt.gravity).sum())
+    return 0.5 * float(momentum @ data.qvel) - height
+
+
+def _spent(bench: Bench) -> float:
+    """What the tracks and joints took, J, less what the motors' shafts gave."""
+    work = bench.plant.tracks.work
+    return float(work[1] + work[2] - work[3])
+
+
 def steps_agree() -> Iterator[Check]:
     """Where a manoeuvre ends at 5 ms against 1 ms steps, as a share of the way driven."""
     for friction in (0.3, 0.6, 0.9):
@@ -65,8 +80,7 @@ def zones() -> Iterator[Check]:
     """Half of the robot on ice: each track pulls what its own ground gives."""
     ice = FrictionZone((-5.0, 0.0), (5.0, 5.0), 0.15)
     bench = Rig(friction=0.7, tracks={"zones": (ice,)}).build()
-    bench.winch(0.0)
-    bench.drive((20.0, 20.0), 1.0)
+    bench.hold(0.0, 1.0, volts=20.0)
     for side, (label, friction) in enumerate((("left, on ice", 0.15), ("right", 0.7))):
         pull = float(bench.plant.tracks.track_force[side])
         expected = friction * 0.5 * bench.weight_n * theory.drawbar_ratio(1.0, 0.415, 0.001)
@@ -84,9 +98,13 @@ def loose() -> Iterator[Check]:
         for geom in range(model.ngeom):
             # A hull that rubs would carry a part of the box.
             if model.geom(geom).name.startswith("hull_"):
-                model.geom_friction[geom, 0] = 1e-5
-        bench.drive((8.0, 8.0), 3.0)
-        pull = float(bench.plant.tracks.track_force.sum())
+                model.geom_condim[geom] = 1
+        bench.drive((8.0, 8.0), 2.0)
+        thrusts: list[float] = []
+        for _ in range(200):
+            bench.drive((8.0, 8.0), 0.01)
+            thrusts.append(float(bench.plant.tracks.track_force.sum()))
+        pull = float(np.mean(thrusts))  # MuJoCo's own friction makes the box hop as it slides
         expected = friction * mass * GRAVITY_MPS2
         yield relative("loose box", f"{mass:g} kg: thrust", pull, expected, 0.02, "N")
     sled = Block((0.0, 0.0, -0.05), (1.0, 0.5, 0.05), 0.0, 5.0, on_rails=True)
@@ -145,13 +163,13 @@ def walls() -> Iterator[Check]:
     wall = Block((0.55, 0.0, 0.5), (0.1, 2.0, 0.5), name="wall")
     for name, left, right in (("head on", 24.0, 24.0), ("slanting", 24.0, 18.0)):
         bench = Rig(friction=1.0, blocks=(wall,)).build()
-        start = _mechanical(bench)
+        bench.drive((left, right), 0.3)  # still short of the wall, and at speed
+        start = _now(bench) + _spent(bench)
         highest, gain = 0.0, 0.0
         for _ in range(300):
             bench.drive((left, right), 0.01)
             highest = max(highest, float(bench.truth.position_m[2]))
-            work = bench.plant.tracks.work
-            gain = max(gain, _mechanical(bench) - start + work[1] + work[2] - work[3])
+            gain = max(gain, _now(bench) + _spent(bench) - start)
         yield at_most("walls", f"{name}: rise", highest, 0.002, "m")
         yield at_most("walls", f"{name}: energy from nowhere", gain, 0.05, "J")
         at = bench.truth.position_m[:2].copy()

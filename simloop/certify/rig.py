@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from simloop import track_theory as theory
-from simloop.config import Config, RatesConfig, TracksConfig, VehicleConfig
+from simloop.config import Config, MotorConfig, RatesConfig, TracksConfig, VehicleConfig
 from simloop.messages import FloatArray, Truth
 from simloop.paths import models_dir
 from simloop.plant import Plant
@@ -22,7 +22,7 @@ from simloop.plant import Plant
 GRAVITY_MPS2 = 9.81
 CONTROL_S = 0.01
 RADIUS_M = VehicleConfig().sprocket_radius_m
-_HEAVY_KGM2, _HEAVY_KG = 1e7, 1e6
+_HEAVY_KGM2, _HEAVY_KG = 1e4, 1e3
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,22 +57,25 @@ class Rig:
     floor: bool = True
     native_belts_mps: tuple[float, float] | None = None
     braked: bool = False
+    open_circuit: bool = False
     tracks: dict[str, object] = field(default_factory=dict)
 
-    def config(self) -> Config:
+    def config(self, friction: float) -> Config:
         """The settings of this rig's plant."""
+        motor = MotorConfig(resistance_ohm=1e9) if self.open_circuit else MotorConfig()
         return Config(
+            motor=motor,
             rates=RatesConfig(physics_s=self.step_s),
             tracks=TracksConfig(
-                friction=self.friction,
+                friction=friction,
                 rolling_resistance=self.rolling_resistance,
                 **self.tracks,  # type: ignore[arg-type]
             ),
         )
 
-    def build(self) -> Bench:
-        """The rig at rest, settled."""
-        return Bench(self)
+    def build(self, own_friction: float | None = None) -> Bench:
+        """The rig at rest, settled. own_friction: of the tracks, where it is not the rig's."""
+        return Bench(self, self.friction if own_friction is None else own_friction)
 
     def support_x(self) -> FloatArray:
         """(n,) of the road wheels of a side, front to rear, m: the middles of n equal pieces."""
@@ -83,9 +86,9 @@ class Rig:
 class Bench:
     """A rig's plant with the hands to drive, tow and measure it."""
 
-    def __init__(self, rig: Rig) -> None:
+    def __init__(self, rig: Rig, friction: float) -> None:
         self.rig = rig
-        self.plant = Plant(_model(rig), rig.config())
+        self.plant = Plant(_model(rig), rig.config(friction))
         self.mass_kg = float(self.plant.model.body_subtreemass[self._base_id()])
         self.weight_n = self.mass_kg * GRAVITY_MPS2
         self.truth: Truth = self.plant.reset(np.zeros(3), braked=rig.braked)
@@ -123,11 +126,19 @@ class Bench:
         """A force along x, at ground level, from now on."""
         self.plant.data.qfrc_applied[0] = force_n
 
-    def winch(self, speed_mps: float) -> None:
-        """Make the vehicle so heavy along x that it keeps this speed whatever pulls."""
-        # Along y and about z as well: a vehicle that is pulled backwards would turn round.
+    def hold(self, speed_mps: float, seconds: float, volts: float = 0.0) -> None:
+        """A winch that keeps the vehicle at this speed along x, and from turning.
+
+        It is made heavy, and towed with what the tracks pushed last; still heavier, and the
+        supports' solver would lose its digits.
+        """
         self.plant.model.dof_armature[[0, 1, 5]] = _HEAVY_KG
         self.plant.data.qvel[0] = speed_mps
+
+        def pull(it: Bench) -> None:
+            it.tow(-float(it.plant.tracks.track_force.sum()))
+
+        self.drive((volts, volts), seconds, pull)
 
     def motion(self) -> tuple[float, float, float]:
         """v_x, v_y, yaw rate in base_link."""
@@ -199,7 +210,8 @@ def _add_wheels(spec: mujoco.MjSpec, base: mujoco.MjsBody, rig: Rig) -> None:
             geom.pos = [x, sign * 0.5 * rig.gauge_m, RADIUS_M]
             if rig.native_belts_mps is not None:
                 geom.condim, geom.friction = 3, [rig.friction, 0.005, 0.0001]
-                geom.surfacevel = [-rig.native_belts_mps[0 if sign > 0 else 1], 0.0, 0.0]
+                belt = rig.native_belts_mps[0 if sign > 0 else 1]
+                geom.surfacevel = [-belt, 0.0, 0.0, 0.0, 0.0, 0.0]
 
 
 def _add_block(spec: mujoco.MjSpec, block: Block, number: int) -> None:
