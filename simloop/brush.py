@@ -6,11 +6,11 @@ the belt, at speed V, brings in what the cell upstream lets out and takes out it
 
     dm/dt = v - |v| m / K - |V|/l (e - e_in),      F = -(mu N / K) (m + c dm/dt),  |F| <= mu N
 
-With u = |v| l / (|V| K) the outlet e = e_in + g(u) (m - e_in), g = u (1 - exp -u) / (u - 1 + exp -u),
-is that of the exact exponential solution within the cell (exponential fitting): so a steady belt
-gives the Janosi-Hanamoto pull 1 - K/(iL) (1 - exp(-iL/K)) exactly, with any number of cells, and a
-belt that stands holds like a spring. Displacements are (along, across) the belt, m, and stay with
-it: they turn with the vehicle. c only damps: it vanishes in every steady motion.
+With u = |v| l / (|V| K) the outlet e = e_in + g(u) (m - e_in), g(u) in ``outlet_gain``, is that of
+the exact exponential solution within the cell (exponential fitting): so a steady belt gives the
+Janosi-Hanamoto pull 1 - K/(iL) (1 - exp(-iL/K)) exactly, with any number of cells, and a belt that
+stands holds like a spring. Displacements are (along, across) the belt, m, and stay with it: they
+turn with the vehicle. c only damps: it vanishes in every steady motion.
 """
 
 from __future__ import annotations

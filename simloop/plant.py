@@ -38,8 +38,8 @@ _FAR_M = 0.01
 def geom_kinds(model: mujoco.MjModel) -> np.ndarray:
     """(ngeom,) what each geom is to the tracks: ground, obstacle, hull or road wheel i.
 
-    Ground is ``floor`` and whatever is named ``ground_*``, or ``loose_*`` (things that may be pushed
-    about); the vehicle is the tree under base_link.
+    Ground is ``floor`` and whatever is named ``ground_*`` or ``loose_*`` (things that may be
+    pushed about); the vehicle is the tree under base_link.
     """
     root = model.body("base_link").id
     kinds = np.full(model.ngeom, OBSTACLE, np.int64)
@@ -66,7 +66,7 @@ def road_wheels(model: mujoco.MjModel) -> list[int]:
             count += 1
         sides.append([model.geom(f"road_{label}_{i}").id for i in range(count)])
     if len(sides[0]) != len(sides[1]) or len(sides[0]) < 2:
-        raise ValueError("the vehicle must have the same number of road wheels, two or more, a side")
+        raise ValueError("each side of the vehicle needs as many road wheels, two or more")
     return sides[0] + sides[1]
 
 
@@ -288,7 +288,7 @@ class Plant:
         return self.truth(before)
 
     def brake(self, on: bool) -> None:
-        """Put the holding brakes on both sprockets on or off; the motors' voltages stay as they are."""
+        """Put the holding brakes of both sprockets on or off; the voltages stay as they are."""
         self._braked = on
 
     def _step(self) -> None:

@@ -28,7 +28,7 @@ from simloop.tracks import (
 )
 
 _SAME_SURFACE = 0.9  # cosine between a patch's normals in two steps
-_ON_ITS_SIDE = 0.7  # part of the normal along the axle from which on it is not the belt that touches
+_ON_ITS_SIDE = 0.7  # part of the normal along the axle beyond which no belt touches
 
 
 @njit(cache=True)
@@ -67,7 +67,7 @@ def _patch_of(
 def _gather(
     contacts: ContactArrays, geoms: Geoms, body: BodyArrays, state: TrackState, touched: FloatArray
 ) -> None:
-    """Sum the road wheels' contacts into patches: touched (wheels, patches, 7) load, p and n times it."""
+    """Sum the contacts into patches: touched (wheels, patches, 7) load, and p and n times it."""
     rot = body.rotation
     for c in range(contacts.geom.shape[0]):
         one, two = contacts.geom[c, 0], contacts.geom[c, 1]
@@ -103,7 +103,7 @@ def _gather(
 
 @njit(cache=True)
 def _forget_and_rank(state: TrackState, touched: FloatArray) -> None:
-    """Belt that touches nothing is unstrained; of those that touch, the most loaded lead the belt."""
+    """Belt that touches nothing is unstrained; of a wheel's patches the most loaded leads on."""
     for wheel in range(touched.shape[0]):
         state.main[wheel] = -1
         most = 0.0
@@ -153,7 +153,7 @@ def _shear_patch(
     state: TrackState,
     p: TrackParameters,
 ) -> Any:
-    """Advance a patch's two cells and apply their shear; thrust, N, and slip along the belt, m/s."""
+    """Advance a patch's two cells and apply their shear; thrust, N, and slip along it, m/s."""
     pos, rot, vel = body.position, body.rotation, body.velocity
     load = row[0]
     size = math.sqrt(row[4] * row[4] + row[5] * row[5] + row[6] * row[6])
@@ -169,7 +169,8 @@ def _shear_patch(
     for step in range(2):
         half = step if belt >= 0.0 else 1 - step  # along the belt's own way over the ground
         ahead = (0.5 - half) * p.cell
-        x, y, z = (row[1] / load + ahead * tx, row[2] / load + ahead * ty, row[3] / load + ahead * tz)
+        x, y = row[1] / load + ahead * tx, row[2] / load + ahead * ty
+        z = row[3] / load + ahead * tz
         ux, uy, uz = _cross(spin[0], spin[1], spin[2], x - pos[0], y - pos[1], z - pos[2])
         ux, uy, uz = vel[0] + ux, vel[1] + uy, vel[2] + uz
         if body.moves[number]:
@@ -201,7 +202,8 @@ def _account(
     """
     vel, pos = body.velocity, body.position
     com, wrench, last = body.com[body.base], body.wrench[body.base], state.last
-    ux, uy, uz = _cross(spin[0], spin[1], spin[2], com[0] - pos[0], com[1] - pos[1], com[2] - pos[2])
+    arm = (com[0] - pos[0], com[1] - pos[1], com[2] - pos[2])
+    ux, uy, uz = _cross(spin[0], spin[1], spin[2], arm[0], arm[1], arm[2])
     twist = (vel[0] + ux, vel[1] + uy, vel[2] + uz, spin[0], spin[1], spin[2])
     shear = 0.0
     for k in range(6):

@@ -145,7 +145,7 @@ class Cells(NamedTuple):
     def even(cls, weight_n: float, length_m: float, gauge_m: float, count: int = 300) -> Cells:
         """An evenly loaded pair of belts, fine enough to stand for the integral."""
         cell = length_m / count
-        x = 0.5 * length_m - cell * (np.arange(count) + 0.5)
+        x = 0.5 * length_m - cell * (np.arange(count, dtype=np.float64) + 0.5)
         return cls(x, np.full((2, count), weight_n / (2 * count)), gauge_m, cell)
 
 

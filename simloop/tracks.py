@@ -33,7 +33,7 @@ PATCHES = 3
 
 
 class TrackParameters(NamedTuple):
-    """Constants of the kernel; units as in the configuration, dt in s, cell (half a wheel's) in m."""
+    """Constants of the kernel; units as in the configuration, dt in s; cell: half a wheel's, m."""
 
     friction: float
     shear_modulus: float
@@ -51,7 +51,7 @@ class TrackParameters(NamedTuple):
 
 
 class TrackState(NamedTuple):
-    """What the kernel keeps and tells, all preallocated; road wheels front to rear, left then right.
+    """What the kernel keeps and tells, preallocated; wheels front to rear, left before right.
 
     mean, outlet: (wheels, patches, 2, 2) m, each patch's front and rear cell, along and across.
     normal: (wheels, patches, 3) of the patches in base_link, 0 where none is; body: (wheels,
@@ -59,7 +59,8 @@ class TrackState(NamedTuple):
     load: (wheels,) N. current: (2,) A. track_force: (2,) N along the belt. slip: (2,) m/s along
     the belt, weighted by load. work: (4,) J of electrical energy, of shear work, of joint friction
     and of the motors' shafts. last: (8,) velocities of the last step: base_link's at its centre of
-    mass, linear, angular, and the sprockets'. touching: (1,) contacts of the vehicle with anything but the ground.
+    mass, linear, angular, and the sprockets'. touching: (1,) contacts of the vehicle with
+    anything but the ground.
     """
 
     mean: FloatArray
@@ -144,7 +145,7 @@ def track_parameters(
     dt_s: float,
     cell_m: float = 0.415 / 12,
 ) -> TrackParameters:
-    """The kernel's constants from the configuration. cell_m: half a road wheel's share of the belt."""
+    """The kernel's constants. cell_m: half a road wheel's share of the belt."""
     return TrackParameters(
         friction=tracks.friction,
         shear_modulus=tracks.shear_modulus_m,
@@ -163,7 +164,7 @@ def track_parameters(
 
 
 def zone_rows(zones: Sequence[FrictionZone]) -> FloatArray:
-    """(n, 5) x_min, y_min, x_max, y_max, friction of each zone; where they overlap the last holds."""
+    """(n, 5) x_min, y_min, x_max, y_max, friction of each zone; the last one holds."""
     rows = [(*zone.min_m, *zone.max_m, zone.friction) for zone in zones]
     return np.array(rows, dtype=np.float64).reshape(-1, 5)
 
@@ -179,6 +180,6 @@ def friction_at(x: float, y: float, zones: FloatArray, elsewhere: float) -> floa
 
 @njit(cache=True)
 def motor_current(voltage: float, speed: float, p: TrackParameters) -> float:
-    """Armature current, A, at the terminal voltage and output speed, rad/s, clipped by the driver."""
+    """Armature current, A, at a terminal voltage and output speed, rad/s, clipped by the driver."""
     current = (voltage - p.back_emf * speed) / p.resistance
     return min(max(current, -p.current_limit), p.current_limit)

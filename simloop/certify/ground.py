@@ -42,7 +42,7 @@ def _mechanical(bench: Bench) -> float:
     return float(data.energy.sum())
 
 
-def _now(bench: Bench) -> float:
+def kinetic_and_potential(bench: Bench) -> float:
     """The same without touching the simulation's state; positions are a step old."""
     model, data = bench.plant.model, bench.plant.data
     momentum = np.empty(model.nv)
@@ -51,7 +51,7 @@ def _now(bench: Bench) -> float:
     return 0.5 * float(momentum @ data.qvel) - height
 
 
-def _spent(bench: Bench) -> float:
+def spent_j(bench: Bench) -> float:
     """What the tracks and joints took, J, less what the motors' shafts gave."""
     work = bench.plant.tracks.work
     return float(work[1] + work[2] - work[3])
@@ -164,12 +164,12 @@ def walls() -> Iterator[Check]:
     for name, left, right in (("head on", 24.0, 24.0), ("slanting", 24.0, 18.0)):
         bench = Rig(friction=1.0, blocks=(wall,)).build()
         bench.drive((left, right), 0.3)  # still short of the wall, and at speed
-        start = _now(bench) + _spent(bench)
+        start = kinetic_and_potential(bench) + spent_j(bench)
         highest, gain = 0.0, 0.0
         for _ in range(300):
             bench.drive((left, right), 0.01)
             highest = max(highest, float(bench.truth.position_m[2]))
-            gain = max(gain, _now(bench) + _spent(bench) - start)
+            gain = max(gain, kinetic_and_potential(bench) + spent_j(bench) - start)
         yield at_most("walls", f"{name}: rise", highest, 0.002, "m")
         yield at_most("walls", f"{name}: energy from nowhere", gain, 0.05, "J")
         at = bench.truth.position_m[:2].copy()

@@ -45,7 +45,8 @@ def slip_curve() -> Iterator[Check]:
     for step in (0.001, 0.005):
         pull, got = _winched(Rig(step_s=step, open_circuit=True), 0.01)
         expected = theory.drawbar_ratio(got, 0.415, MODULUS_M)
-        yield relative("slip curve", f"winch, slip 0.01, step {step * 1e3:g} ms", pull, expected, 0.02)
+        name = f"winch, slip 0.01, step {step * 1e3:g} ms"
+        yield relative("slip curve", name, pull, expected, 0.02)
 
 
 def _winched(rig: Rig, slip: float) -> tuple[float, float]:
@@ -62,7 +63,7 @@ def _slip(bench: Bench) -> float:
 
 
 def bollard() -> Iterator[Check]:
-    """Held by an immovable rope: the pull is mu W or what the motors' current gives (forms 5, 7)."""
+    """Held by an immovable rope: the pull is mu W, or what the current gives (forms 5, 7)."""
     motor, rolling = MotorConfig(), 0.02
     for friction in (0.2, 0.5, 0.8, 1.0):
         bench = Rig(friction=friction).build()

@@ -1,7 +1,7 @@
 """Test rigs: the vehicle of models/tracked_ugv.xml, stretched, loaded, towed, on planes and steps.
 
 Every rig is the very file and the very plant that the loop drives; only lengths, masses, wheels
-and ground are set. native_belts_mps: MuJoCo's own friction under surfaces that move. No clock, no chance.
+and ground are set. No clock, no chance.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ GRAVITY_MPS2 = 9.81
 CONTROL_S = 0.01
 RADIUS_M = VehicleConfig().sprocket_radius_m
 _HEAVY_KGM2, _HEAVY_KG = 1e4, 1e3
+_ROUGH_CELLS = 201
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +42,12 @@ class Block:
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """What is built. Tilts turn gravity: pitch > 0 leads uphill along +x, roll > 0 lifts the left."""
+    """What is built. Tilts turn gravity: pitch > 0 leads uphill along +x, roll > 0 lifts the left.
+
+    rough_m: height of a random height field of 8 m x 8 m in place of the plane.
+    native_belts_mps: MuJoCo's own friction under surfaces that move so. open_circuit: motors that
+    give no torque. braked: holding brakes on from the beginning.
+    """
 
     length_m: float = 0.415
     gauge_m: float = 0.39
@@ -55,6 +61,8 @@ class Rig:
     rolling_resistance: float = 0.02
     blocks: tuple[Block, ...] = ()
     floor: bool = True
+    rough_m: float = 0.0
+    rough_seed: int = 0
     native_belts_mps: tuple[float, float] | None = None
     braked: bool = False
     open_circuit: bool = False
@@ -80,7 +88,7 @@ class Rig:
     def support_x(self) -> FloatArray:
         """(n,) of the road wheels of a side, front to rear, m: the middles of n equal pieces."""
         cell = self.length_m / self.wheels
-        return 0.5 * self.length_m - cell * (np.arange(self.wheels) + 0.5)
+        return 0.5 * self.length_m - cell * (np.arange(self.wheels, dtype=np.float64) + 0.5)
 
 
 class Bench:
@@ -162,7 +170,8 @@ class Bench:
         places = [(at, side * 0.5 * rig.gauge_m) for side in (1, -1) for at in x]
         loads = theory.support_loads(np.array(places), self.weight_n, (centre[0], centre[1]))
         cell = rig.length_m / (rig.wheels * fine)
-        fine_x = 0.5 * rig.length_m - cell * (np.arange(rig.wheels * fine) + 0.5)
+        places_x = np.arange(rig.wheels * fine, dtype=np.float64)
+        fine_x = 0.5 * rig.length_m - cell * (places_x + 0.5)
         spread = np.repeat(loads.reshape(2, -1), fine, axis=1) / fine
         return theory.Cells(fine_x, spread, rig.gauge_m, cell)
 
@@ -176,7 +185,9 @@ def _model(rig: Rig) -> mujoco.MjModel:
         spec.delete(mesh)
     for key in list(spec.keys):
         spec.delete(key)
-    if rig.floor:
+    if rig.rough_m > 0.0:
+        _add_rough(spec, rig)
+    elif rig.floor:
         spec.worldbody.add_geom(
             name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[50, 50, 0.1], contype=2
         )
@@ -212,6 +223,30 @@ def _add_wheels(spec: mujoco.MjSpec, base: mujoco.MjsBody, rig: Rig) -> None:
                 geom.condim, geom.friction = 3, [rig.friction, 0.005, 0.0001]
                 belt = rig.native_belts_mps[0 if sign > 0 else 1]
                 geom.surfacevel = [-belt, 0.0, 0.0, 0.0, 0.0, 0.0]
+
+
+def _add_rough(spec: mujoco.MjSpec, rig: Rig) -> None:
+    """Random heights every 16 cm, bilinear between: level on the whole, no cliffs."""
+    coarse = np.random.default_rng(rig.rough_seed).random((51, 51))
+    rows = np.linspace(0.0, 50.0, _ROUGH_CELLS)
+    low = np.minimum(rows.astype(int), 49)
+    share = rows - low
+    along = coarse[low] * (1 - share)[:, None] + coarse[low + 1] * share[:, None]
+    heights = along[:, low] * (1 - share) + along[:, low + 1] * share
+    spec.add_hfield(
+        name="rough",
+        nrow=_ROUGH_CELLS,
+        ncol=_ROUGH_CELLS,
+        size=[4.0, 4.0, rig.rough_m, 0.2],
+        userdata=heights.ravel().tolist(),
+    )
+    spec.worldbody.add_geom(
+        name="ground_rough",
+        type=mujoco.mjtGeom.mjGEOM_HFIELD,
+        hfieldname="rough",
+        pos=[0.0, 0.0, -rig.rough_m],
+        contype=3,
+    )
 
 
 def _add_block(spec: mujoco.MjSpec, block: Block, number: int) -> None:

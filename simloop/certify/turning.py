@@ -14,7 +14,7 @@ MODULUS_M = 0.001
 
 
 def _spun(rig: Rig, sprocket_radps: float = 4.0) -> Bench:
-    """A rig that has turned on the spot to a steady state, by about half a turn and 2 s at least."""
+    """A rig that has turned on the spot until nothing changes any more."""
     bench = rig.build()
     belt = sprocket_radps * RADIUS_M
     bench.run_belts(-belt, belt)

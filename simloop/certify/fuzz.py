@@ -1,0 +1,122 @@
+"""Random commands, poses, ground and drops: nothing may become infinite, or gain energy.
+
+An episode is made from its seed alone, so that any failure is found again from one number.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from simloop.certify.ground import kinetic_and_potential, spent_j
+from simloop.certify.rig import CONTROL_S, Bench, Block, Rig
+
+_STEPS_S = (0.001, 0.002, 0.005)
+_EPISODE_S = 4.0
+_FASTEST_MPS = 8.0  # falling from 0.5 m gives 3.1 m/s
+_LEAST_J, _SHARE = 0.5, 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Episode:
+    """steps: physics steps done. gain_j: most energy from nowhere; turnover_j: what was moved."""
+
+    seed: int
+    steps: int
+    gain_j: float
+    turnover_j: float
+    failure: str
+
+
+def episodes(seed: int, least_steps: int) -> Iterator[Episode]:
+    """Episodes with seeds from ``seed`` on, until at least so many steps are done."""
+    done = 0
+    while done < least_steps:
+        episode = run_episode(seed)
+        yield episode
+        done, seed = done + episode.steps, seed + 1
+
+
+def random_rig(rng: np.random.Generator) -> Rig:
+    """A vehicle and its ground."""
+    step, friction = float(rng.choice(_STEPS_S)), float(rng.uniform(0.1, 1.2))
+    blocks = []
+    for _ in range(int(rng.integers(0, 6))):
+        x, y = rng.uniform(-1.0, 1.0, 2)
+        high = float(rng.choice([0.005, 0.015, 0.05, 0.3]))
+        kind = "ground_block" if high < 0.1 else "wall"
+        half = (float(rng.uniform(0.02, 0.4)), float(rng.uniform(0.02, 0.4)), 0.25)
+        tilt = float(rng.uniform(-0.3, 0.3)) if rng.random() < 0.3 else 0.0
+        blocks.append(Block((x, y, high - 0.25), half, tilt, name=kind))
+    for _ in range(int(rng.integers(0, 3))):
+        x, y = rng.uniform(-1.0, 1.0, 2)
+        half = tuple(float(h) for h in rng.uniform(0.03, 0.12, 3))
+        mass = float(rng.uniform(0.2, 5.0))
+        blocks.append(Block((x, y, 1.2 * half[2] + 0.3), half, 0.0, mass))
+    rough = float(rng.uniform(0.005, 0.06)) if rng.random() < 0.4 else 0.0
+    return Rig(
+        wheels=int(rng.integers(4, 11)),
+        payload_kg=float(rng.uniform(0.1, 8.0)) if rng.random() < 0.5 else 0.0,
+        payload_m=tuple(float(p) for p in rng.uniform((-0.15, -0.12, 0.05), (0.15, 0.12, 0.3))),
+        friction=friction,
+        step_s=step,
+        pitch_rad=float(rng.uniform(-0.3, 0.3)),
+        roll_rad=float(rng.uniform(-0.3, 0.3)),
+        blocks=tuple(blocks),
+        rough_m=rough,
+        rough_seed=int(rng.integers(1 << 31)),
+    )
+
+
+def _drop(bench: Bench, rng: np.random.Generator) -> None:
+    """Anywhere within a metre, any heading, tilted, clear of all blocks, up to 0.5 m up."""
+    data, model = bench.plant.data, bench.plant.model
+    yaw, roll, pitch = rng.uniform(-math.pi, math.pi), *rng.uniform(-0.4, 0.4, 2)
+    data.qpos[:2] = rng.uniform(-1.0, 1.0, 2)
+    data.qpos[2] = 0.35 + rng.uniform(0.0, 0.5)
+    mujoco.mju_euler2Quat(data.qpos[3:7], np.array([yaw, pitch, roll]), "ZYX")
+    data.qvel[:] = 0.0
+    data.qvel[:6] = rng.uniform(-0.5, 0.5, 6)
+    mujoco.mj_forward(model, data)
+
+
+def run_episode(seed: int) -> Episode:
+    """One vehicle, one ground, one drop, four seconds of random voltages and brakes."""
+    rng = np.random.default_rng(seed)
+    rig = random_rig(rng)
+    bench = rig.build()
+    _drop(bench, rng)
+    bench.drive((0.0, 0.0), CONTROL_S)
+    start = kinetic_and_potential(bench) + spent_j(bench)
+    most, turnover, failure, ticks = 0.0, 0.0, "", 0
+    left = right = 0.0
+    while ticks * CONTROL_S < _EPISODE_S and not failure:
+        if ticks % 20 == 0:
+            left, right = rng.uniform(-24.0, 24.0, 2)
+            bench.plant.brake(bool(rng.random() < 0.15))
+        bench.drive((left, right), CONTROL_S)
+        ticks += 1
+        failure = _failure(bench)
+        gain = kinetic_and_potential(bench) + spent_j(bench) - start
+        most = max(most, gain)
+        work = bench.plant.tracks.work
+        turnover = abs(start) + float(work[1] + work[2] + abs(work[3]))
+        if not failure and gain > _LEAST_J + _SHARE * turnover:
+            failure = f"{gain:.3f} J from nowhere after {ticks * CONTROL_S:.2f} s"
+    return Episode(seed, ticks * bench.plant.substeps, most, turnover, failure)
+
+
+def _failure(bench: Bench) -> str:
+    data = bench.plant.data
+    if not (np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all()):
+        return "a state that is no number"
+    for kind, warning in enumerate(data.warning):
+        if warning.number:
+            return f"MuJoCo: {mujoco.mjtWarning(kind).name}"
+    if np.abs(data.qvel[:3]).max() > _FASTEST_MPS:
+        return f"{np.abs(data.qvel[:3]).max():.1f} m/s"
+    return ""
