@@ -17,6 +17,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from simloop.clutter import draw_clutter
+from simloop.config import PayloadConfig
 from simloop.floor_plan import BAND_M, FloorPlan, Section, rasterise
 from simloop.messages import FloatArray
 from simloop.obstacles import Obstacle, ellipse_outline
@@ -74,7 +75,10 @@ def arena_path(arena: str | Path) -> Path:
 
 
 def build(
-    arena: str | Path, obstacles: Sequence[Obstacle] = (), timestep_s: float = 0.002
+    arena: str | Path,
+    obstacles: Sequence[Obstacle] = (),
+    timestep_s: float = 0.002,
+    payload: PayloadConfig | None = None,
 ) -> mujoco.MjModel:
     """The arena with the vehicle at its origin and further obstacles, compiled.
 
@@ -86,6 +90,8 @@ def build(
         world = _with_vehicle(path)
         for number, obstacle in enumerate(obstacles, start=1):
             _add_obstacle(world, f"obstacle_drawn_{number:02d}", obstacle, number)
+        if payload is not None:
+            add_payload(world, payload)
         _set_options(world, timestep_s)
         return world.compile()
     except (ValueError, mujoco.FatalError) as error:
@@ -182,6 +188,14 @@ def _with_vehicle(path: Path) -> mujoco.MjSpec:
     world.delete(world.geom("ground"))
     world.delete(world.light("ground_light"))
     return world
+
+
+def add_payload(world: mujoco.MjSpec, payload: PayloadConfig) -> None:
+    """A small, dense body fixed to the chassis; it is not seen, and touches nothing."""
+    if payload.mass_kg > 0.0:
+        load = world.body("base_link").add_body(name="payload", pos=list(payload.position_m))
+        load.mass, load.inertia = payload.mass_kg, [1e-3 * payload.mass_kg] * 3
+        load.explicitinertial = True
 
 
 def _set_options(world: mujoco.MjSpec, timestep_s: float) -> None:

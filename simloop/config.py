@@ -119,6 +119,14 @@ class VehicleConfig:
 
 
 @dataclass(frozen=True, slots=True, config=_STRICT)
+class PayloadConfig:
+    """A load on the chassis of which the robot's software knows nothing; position in base_link."""
+
+    mass_kg: Annotated[float, Field(ge=0.0, le=50.0)] = 0.0
+    position_m: tuple[float, float, float] = (0.0, 0.0, 0.15)
+
+
+@dataclass(frozen=True, slots=True, config=_STRICT)
 class EncoderConfig:
     counts_per_turn: Annotated[int, Field(gt=0)] = 980
 
@@ -280,6 +288,7 @@ class Config:
     rates: RatesConfig = Field(default_factory=RatesConfig)
     vehicle: VehicleConfig = Field(default_factory=VehicleConfig)
     tracks: TracksConfig = Field(default_factory=TracksConfig)
+    payload: PayloadConfig = Field(default_factory=PayloadConfig)
     motor: MotorConfig = Field(default_factory=MotorConfig)
     encoder: EncoderConfig = Field(default_factory=EncoderConfig)
     imu: ImuConfig = Field(default_factory=ImuConfig)

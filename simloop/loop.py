@@ -98,7 +98,8 @@ class Simulation:
                 scan = self._sweep(before, truth, self.plant)
                 command = self.robot.step(encoders, imu, scan)
                 voltage = command.voltage_v
-                self._publish([truth, encoders, imu, *([scan] if scan else ()), command])
+                heard = (scan, self.plant.track_truth()) if scan else ()
+                self._publish([truth, encoders, imu, *heard, command])
                 self._publish(self.robot.said)
                 outcome, ticks = self._outcome(truth), ticks + 1
                 if progress and ticks % _PROGRESS_TICKS == 0:

@@ -69,6 +69,24 @@ class Truth(_Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class TrackTruth(_Message):
+    """What the tracks truly do, for whoever tests an estimator; the robot must not know it.
+
+    slip_mps: (2,) left, right, speed of the belt's surface over the ground along the vehicle, the
+    wheels' mean by load; negative: it drives. icr_m: (3,) y of the left and of the right track's
+    instantaneous centre of rotation, x of the vehicle's, in base_link; NaN where it hardly turns.
+    wheel_load_n: (wheels,) front to rear, left before right. shear_work_j: what the shear between
+    tracks and ground has taken since the start.
+    """
+
+    t_ns: int
+    slip_mps: FloatArray
+    icr_m: FloatArray
+    wheel_load_n: FloatArray
+    shear_work_j: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class EncoderReading(_Message):
     """Cumulative sprocket counts (980 a turn), quantised."""
 
@@ -240,6 +258,7 @@ class Event:
 
 Message = (
     Truth
+    | TrackTruth
     | EncoderReading
     | ImuReading
     | LidarScan

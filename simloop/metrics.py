@@ -17,7 +17,7 @@ import numpy as np
 from simloop import __version__
 from simloop.floor_plan import FloorPlan
 from simloop.footprint import least_clearance
-from simloop.messages import Estimate, FloatArray, Plan, Truth
+from simloop.messages import Estimate, FloatArray, Plan, TrackTruth, Truth
 from simloop.scenario import Scenario
 from simloop.se2 import wrap_angles
 from simloop.shortest import shortest_path
@@ -43,6 +43,7 @@ class RunMetrics:
         self._scenario = scenario
         self._floor = floor
         self._last: Truth | None = None
+        self._tracks: TrackTruth | None = None
         self._true_ns: list[int] = []
         self._true_poses: list[FloatArray] = []
         self._estimate_ns: list[int] = []
@@ -63,6 +64,8 @@ class RunMetrics:
                 self._covariances.append((len(self._states), message.covariance))
             self._estimate_ns.append(message.t_ns)
             self._states.append(message.state)
+        elif isinstance(message, TrackTruth):
+            self._tracks = message
         elif isinstance(message, Plan):
             self._evaluations.append(message.evaluations)
 
@@ -137,6 +140,7 @@ class RunMetrics:
             "plan_ms_p99": float(np.percentile(plan_ms, 99)) if len(plan_ms) else None,
             "plan_evaluations": sum(self._evaluations),
             "energy_j": self._last.energy_j if self._last else 0.0,
+            "shear_work_j": self._tracks.shear_work_j if self._tracks else 0.0,
             "state_hash": state_hash,
             "seed": self._scenario.seed,
             "scenario": self._scenario.name,

@@ -15,7 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from simloop.config import Config
-from simloop.messages import FloatArray, Truth
+from simloop.messages import FloatArray, TrackTruth, Truth
 from simloop.track_kernel import apply_tracks
 from simloop.tracks import (
     GROUND,
@@ -33,6 +33,7 @@ from simloop.tracks import (
 _GRAVITY_MPS2 = 9.81
 _GRAZING = 0.15  # cosine between a ray and the surface's normal below which it grazes
 _FAR_M = 0.01
+_TURNING_RADPS = 0.02
 
 
 def geom_kinds(model: mujoco.MjModel) -> np.ndarray:
@@ -338,6 +339,21 @@ class Plant:
             energy_j=float(self._state.work[0]),
             contact_count=self._contacts,
             in_contact=self._touching,
+        )
+
+    def track_truth(self) -> TrackTruth:
+        """What the tracks do now. Their centres of rotation: Martinez et al. 2005."""
+        _, velocity, _ = body_motion(
+            self._qpos, self._qvel, self._body.rotation, self._qvel[:3], self._period_s
+        )
+        belts = self._parameters.radius * self._qvel[self._sprocket_dof]
+        icr = np.full(3, np.nan)
+        if abs(velocity[5]) > _TURNING_RADPS:
+            icr[:2] = (velocity[0] - belts) / velocity[5]
+            icr[2] = -velocity[1] / velocity[5]
+        state = self._state
+        return TrackTruth(
+            self.t_ns, state.slip.copy(), icr, state.load.copy(), float(state.work[1])
         )
 
     def state_hash(self) -> str:

@@ -8,7 +8,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simloop.messages import Estimate, FloatArray, Plan, PoseFix, SmoothPath, TrackCommand, Truth
+from simloop.messages import (
+    Estimate,
+    FloatArray,
+    Plan,
+    PoseFix,
+    SmoothPath,
+    TrackCommand,
+    TrackTruth,
+    Truth,
+)
 
 _CHI2_95_2DOF = 5.991
 _ROUND = np.stack([f(np.linspace(0.0, 2.0 * np.pi, 33)) for f in (np.cos, np.sin)], axis=1)
@@ -31,6 +40,14 @@ SERIES: dict[str, tuple[type, tuple[str, ...], Column]] = {
     "current": (Truth, ("left", "right"), _column(lambda m: m.motor_current_a)),
     "voltage": (Truth, ("left", "right"), _column(lambda m: m.motor_voltage_v)),
     "energy": (Truth, ("drawn",), _column(lambda m: m.energy_j)),
+    "tracks/slip": (TrackTruth, ("left", "right"), _column(lambda m: m.slip_mps)),
+    "tracks/icr": (TrackTruth, ("y left", "y right", "x"), _column(lambda m: m.icr_m)),
+    "tracks/wheel_load": (
+        TrackTruth,
+        tuple(f"{side} {i}" for side in ("left", "right") for i in range(6)),
+        _column(lambda m: m.wheel_load_n),
+    ),
+    "tracks/shear_work": (TrackTruth, ("taken",), _column(lambda m: m.shear_work_j)),
     "contacts": (Truth, ("contacts",), _column(lambda m: m.contact_count)),
     "filter": (Estimate, ("gyro bias", "gauge ratio"), _column(lambda m: m.state[5:7])),
     "match": (PoseFix, ("score", "taken"), _column(lambda m: (m.score, m.ok))),

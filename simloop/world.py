@@ -39,7 +39,7 @@ def build_world(scenario: Scenario) -> World:
     where, step_s = f"scenario '{scenario.name}'", scenario.config.rates.physics_s
     try:
         obstacles = list(scenario.obstacles)
-        model = build(scenario.arena, obstacles, step_s)
+        model = build(scenario.arena, obstacles, step_s, scenario.config.payload)
         if scenario.clutter is not None:
             obstacles += draw_clutter(
                 np.random.default_rng([scenario.seed, _CLUTTER_STREAM]),
@@ -50,7 +50,7 @@ def build_world(scenario: Scenario) -> World:
                 scenario.config.vehicle,
                 scenario.config.planner.safe_distance_m,
             )
-            model = build(scenario.arena, obstacles, step_s)
+            model = build(scenario.arena, obstacles, step_s, scenario.config.payload)
         floor = floor_plan(model)
     except ValueError as error:
         # The ends are the likelier culprits, and what is wrong with them is easier to act on.

@@ -4,13 +4,25 @@ from __future__ import annotations
 
 import math
 
+import mujoco
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 from vehicles import plant_on_plane
 
-from simloop.config import Config, MotorConfig, RatesConfig, TracksConfig, VehicleConfig
-from simloop.tracks import motor_current, track_parameters
+from simloop.arena import build
+from simloop.config import (
+    Config,
+    FrictionZone,
+    MotorConfig,
+    PayloadConfig,
+    RatesConfig,
+    TracksConfig,
+    VehicleConfig,
+)
+from simloop.plant import Plant, road_wheels
+from simloop.track_theory import Icr, icr_motion
+from simloop.tracks import friction_at, motor_current, track_parameters, zone_rows
 
 VEHICLE = VehicleConfig()
 WEIGHT_N = 98.1
@@ -149,3 +161,44 @@ def test_a_wheel_in_the_air_forgets_its_shear():
     plant.data.qpos[2] += 0.2
     drive(plant, (0.0, 0.0), 0.01)
     assert not plant.tracks.mean.any() and not plant.tracks.load.any()
+
+
+def test_the_tracks_truth_is_the_motions_own():
+    """ICRs give the motion back; loads carry the weight; shear takes what slip costs."""
+    plant = plant_on_plane()
+    truth = drive(plant, (6.0, 14.0), 2.0)
+    tracks = plant.track_truth()
+    belts = VEHICLE.sprocket_radius_m * truth.sprocket_radps
+    motion = icr_motion(Icr(*tracks.icr_m), tuple(belts))
+    assert motion == pytest.approx(truth.velocity_body[[0, 1, 5]], rel=1e-6)
+    assert tracks.wheel_load_n.sum() == pytest.approx(WEIGHT_N, rel=0.01)
+    assert tracks.slip_mps[0] > 0 > tracks.slip_mps[1]  # the inner track brakes
+    assert tracks.shear_work_j > 0.1
+    assert np.isnan(plant_on_plane().track_truth().icr_m).all()
+
+
+def test_zones_have_a_friction_of_their_own_and_the_last_one_holds():
+    zones = zone_rows(
+        [FrictionZone((0, 0), (2, 2), 0.3), FrictionZone((1, 1), (2, 2), 0.9)]
+    )
+    places = [(0.5, 0.5), (1.5, 1.5), (3.0, 0.5), (-0.1, 0.5)]
+    assert [friction_at(*at, zones, 0.6) for at in places] == [0.3, 0.9, 0.6, 0.6]
+    with pytest.raises(ValueError, match="min_m"):
+        FrictionZone((1, 0), (0, 1), 0.5)
+
+
+def test_a_vehicle_must_have_the_same_wheels_on_both_sides():
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><geom name='road_left_0' size='1'/></worldbody></mujoco>"
+    )
+    with pytest.raises(ValueError, match="as many road wheels"):
+        road_wheels(model)
+
+
+def test_a_payload_in_the_scenario_is_carried():
+    config = PayloadConfig(4.0, (0.1, 0.0, 0.15))
+    plant = Plant(build("open", payload=config), Config())
+    plant.reset(np.zeros(3))
+    load = plant.track_truth().wheel_load_n
+    assert load.sum() == pytest.approx(WEIGHT_N + 4 * 9.81, rel=1e-3)
+    assert load[0] > load[5] * 1.3

@@ -14,7 +14,15 @@ import mujoco
 import numpy as np
 
 from simloop import track_theory as theory
-from simloop.config import Config, MotorConfig, RatesConfig, TracksConfig, VehicleConfig
+from simloop.arena import add_payload
+from simloop.config import (
+    Config,
+    MotorConfig,
+    PayloadConfig,
+    RatesConfig,
+    TracksConfig,
+    VehicleConfig,
+)
 from simloop.messages import FloatArray, Truth
 from simloop.paths import models_dir
 from simloop.plant import Plant
@@ -81,9 +89,10 @@ class Rig:
             ),
         )
 
-    def build(self, own_friction: float | None = None) -> Bench:
+    def build(self, own_friction: float | None = None, settle_s: float = 0.5) -> Bench:
         """The rig at rest, settled. own_friction: of the tracks, where it is not the rig's."""
-        return Bench(self, self.friction if own_friction is None else own_friction)
+        friction = self.friction if own_friction is None else own_friction
+        return Bench(self, friction, settle_s)
 
     def support_x(self) -> FloatArray:
         """(n,) of the road wheels of a side, front to rear, m: the middles of n equal pieces."""
@@ -94,12 +103,12 @@ class Rig:
 class Bench:
     """A rig's plant with the hands to drive, tow and measure it."""
 
-    def __init__(self, rig: Rig, friction: float) -> None:
+    def __init__(self, rig: Rig, friction: float, settle_s: float) -> None:
         self.rig = rig
         self.plant = Plant(_model(rig), rig.config(friction))
         self.mass_kg = float(self.plant.model.body_subtreemass[self._base_id()])
         self.weight_n = self.mass_kg * GRAVITY_MPS2
-        self.truth: Truth = self.plant.reset(np.zeros(3), braked=rig.braked)
+        self.truth: Truth = self.plant.reset(np.zeros(3), settle_s, rig.braked)
         # (3,) centre of gravity in base_link, which has not moved yet.
         self.centre_m: FloatArray = self.plant.data.subtree_com[self._base_id()].copy()
 
@@ -193,10 +202,7 @@ def _model(rig: Rig) -> mujoco.MjModel:
         )
     base = spec.body("base_link")
     _add_wheels(spec, base, rig)
-    if rig.payload_kg > 0.0:
-        load = base.add_body(name="payload", pos=list(rig.payload_m))
-        load.mass, load.inertia = rig.payload_kg, [1e-3 * rig.payload_kg] * 3
-        load.explicitinertial = True
+    add_payload(spec, PayloadConfig(rig.payload_kg, rig.payload_m))
     for number, block in enumerate(rig.blocks):
         _add_block(spec, block, number)
     sin, cos = math.sin(rig.pitch_rad), math.cos(rig.pitch_rad)
