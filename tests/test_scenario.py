@@ -248,3 +248,19 @@ def test_nearest_names_what_stands_there():
 def test_every_planner_named_can_be_chosen():
     for name in planner_names():
         assert load("open", planner=name).config.planner.name == name
+
+
+def test_zones_and_payload_survive_being_written_and_read(tmp_path):
+    file = tmp_path / "zones.toml"
+    file.write_text(
+        'arena = "open"\nstart = [0, 0, 0]\ngoal = [1, 0]\n'
+        "[[tracks.zones]]\nmin_m = [0, 0]\nmax_m = [1, 2]\nfriction = 0.2\n"
+        "[payload]\nmass_kg = 3.0\n"
+    )
+    wanted = load(file)
+    assert wanted.config.tracks.zones[0].friction == 0.2
+    again = tmp_path / "again.toml"
+    again.write_text(to_toml(wanted))
+    assert load(again, [f'name="{wanted.name}"']).config == wanted.config
+    with pytest.raises(InputError, match="min_m"):
+        load(file, ["tracks.zones.0.min_m=[5, 5]"])
