@@ -343,9 +343,7 @@ class Plant:
 
     def track_truth(self) -> TrackTruth:
         """What the tracks do now. Their centres of rotation: Martinez et al. 2005."""
-        _, velocity, _ = body_motion(
-            self._qpos, self._qvel, self._body.rotation, self._qvel[:3], self._period_s
-        )
+        velocity = self.truth(self._qvel[:3]).velocity_body
         belts = self._parameters.radius * self._qvel[self._sprocket_dof]
         icr = np.full(3, np.nan)
         if abs(velocity[5]) > _TURNING_RADPS:

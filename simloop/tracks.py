@@ -180,6 +180,6 @@ def friction_at(x: float, y: float, zones: FloatArray, elsewhere: float) -> floa
 
 @njit(cache=True)
 def motor_current(voltage: float, speed: float, p: TrackParameters) -> float:
-    """Armature current, A, at a terminal voltage and output speed, rad/s, clipped by the driver."""
+    """Armature current, A, at terminal voltage and output speed, rad/s, clipped by the driver."""
     current = (voltage - p.back_emf * speed) / p.resistance
     return min(max(current, -p.current_limit), p.current_limit)

@@ -88,7 +88,8 @@ def _drop(bench: Bench, rng: np.random.Generator) -> None:
     data, model = bench.plant.data, bench.plant.model
     yaw, roll, pitch = rng.uniform(-math.pi, math.pi), *rng.uniform(-0.4, 0.4, 2)
     data.qpos[:2] = rng.uniform(-0.1, 0.1, 2)
-    data.qpos[2] = 0.5 + rng.uniform(0.0, 0.5)
+    tops = [block.centre_m[2] + block.half_m[2] for block in bench.rig.blocks if not block.mass_kg]
+    data.qpos[2] = max(0.05, *tops, 0.05) + rng.uniform(0.2, 0.5)
     mujoco.mju_euler2Quat(data.qpos[3:7], np.array([yaw, pitch, roll]), "ZYX")
     data.qvel[:] = 0.0
     data.qvel[:6] = rng.uniform(-0.5, 0.5, 6)
