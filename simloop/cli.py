@@ -12,7 +12,6 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -54,9 +53,7 @@ def main() -> None:
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         sys.exit(app(standalone_mode=False) or 0)
-    except KeyboardInterrupt:
-        _fail("interrupted", INTERRUPTED)
-    except typer.Abort:
+    except (KeyboardInterrupt, typer.Abort):
         _fail("interrupted", INTERRUPTED)
     except InputError as error:
         _fail(f"error: {error}", INPUT_WRONG)
@@ -65,7 +62,8 @@ def main() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
     except OSError as error:
-        _fail(f"error: {error.filename or 'output'}: {error.strerror or error}", INPUT_WRONG)
+        where = f"{error.filename}: " if error.filename else ""
+        _fail(f"error: {where}{error.strerror or error}", INPUT_WRONG)
     except Exception as error:
         # The option parser's own errors have no public base class in every version of it.
         describe = getattr(error, "format_message", None)
@@ -120,11 +118,12 @@ def run_scenario(
 ) -> int:
     """Run a scenario: exit code 0 if the goal is reached, 1 if the robot fails."""
     from simloop.outputs import choose
-    from simloop.scenario import load
+    from simloop.scenario import load, resolve
 
     wanted = load(scenario, overrides or (), seed=seed, planner=planner)
     outputs = choose(out, record, snapshots, json_file)
-    outputs.check()
+    outputs.check(resolve(scenario))
+    _check_mujoco()
     from simloop.world import build_world
 
     world = build_world(wanted)
@@ -135,11 +134,14 @@ def run_scenario(
 
         warm_up(wanted, world, report)
     outputs.prepare()
-    result = _record_and_run(wanted, world, outputs, notes)
-    try:
-        outputs.write_result(result.metrics)
-    finally:
-        _print_result(console, result.metrics, outputs)
+    with _stop_asked() as stop:
+        watch = _Watch(wanted, world, outputs)
+        result = _run(watch.simulation, notes, stop)
+        try:
+            outputs.write_result(result.metrics)
+            watch.finish()
+        finally:
+            _print_result(console, result.metrics, outputs)
     if result.outcome == "interrupted":
         return INTERRUPTED
     return 0 if result.reached else 1
@@ -178,51 +180,72 @@ def bench_planners(json_file: JsonFile = None) -> int:
     return 0
 
 
-def _record_and_run(
-    scenario: Scenario, world: World, outputs: Outputs, notes: Console
-) -> RunResult:
-    """Run with whatever is to be kept; Ctrl-C ends the run, and all of it is kept readable."""
-    from simloop.loop import Simulation
-    from simloop.metrics import versions
-    from simloop.observers import recorder_for, snapshots_for
+class _Watch:
+    """A simulation, and whoever keeps something of it: the recording is closed in any case."""
 
-    outputs.write_config(scenario, versions())
-    recorder = pictures = None
-    if outputs.recording is not None:
-        recorder = recorder_for(outputs.recording, scenario, world)
-    if outputs.snapshots is not None:
-        pictures = snapshots_for(outputs.snapshots, scenario, world)
-    listeners = [] if pictures is None else [pictures.offer]
-    result = _run(Simulation(scenario, recorder, listeners, world=world), notes)
-    with _uninterrupted():
-        if recorder is not None:
-            recorder.close()
-        if pictures is not None:
-            pictures.finish()
-    return result
+    def __init__(self, scenario: Scenario, world: World, outputs: Outputs) -> None:
+        from simloop.loop import Simulation
+        from simloop.metrics import versions
+        from simloop.observers import recorder_for, snapshots_for
+
+        self._recorder = self._pictures = None
+        if outputs.recording is not None:
+            self._recorder = recorder_for(outputs.recording, scenario, world)
+        outputs.write_config(scenario, versions())
+        if outputs.snapshots is not None:
+            self._pictures = snapshots_for(outputs.snapshots, scenario, world)
+        listeners = [] if self._pictures is None else [self._pictures.offer]
+        self.simulation = Simulation(scenario, self._recorder, listeners, world=world)
+
+    def finish(self) -> None:
+        """Close the recording, draw the pictures."""
+        if self._recorder is not None:
+            self._recorder.close()
+        if self._pictures is not None:
+            self._pictures.finish()
 
 
-def _run(simulation: Simulation, notes: Console) -> RunResult:
+def _run(simulation: Simulation, notes: Console, stop: Callable[[], bool]) -> RunResult:
     from simloop.report import progress_bar
 
     to_go, limit = simulation.metrics.distance_to_go_m(), simulation.scenario.time_limit_s
-    began = perf_counter()
-    try:
-        with progress_bar(notes, to_go, limit) as progress:
-            return simulation.run(progress)
-    except KeyboardInterrupt:
-        with _uninterrupted():
-            return simulation.interrupted(perf_counter() - began)
+    with progress_bar(notes, to_go, limit) as show:
+
+        def progress(sim_time_s: float, to_go_m: float) -> bool:
+            show(sim_time_s, to_go_m)
+            return not stop()
+
+        return simulation.run(progress)
 
 
 @contextmanager
-def _uninterrupted() -> Iterator[None]:
-    """A second Ctrl-C must not cut off what makes the first one harmless."""
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _stop_asked() -> Iterator[Callable[[], bool]]:
+    """Tells whether Ctrl-C or a SIGTERM has come: asked for now and then, it cuts nothing off.
+
+    An exception raised wherever the run happens to be could end in the middle of a compiled
+    kernel or of what is being written.
+    """
+    heard: list[int] = []
+    signals = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(one, lambda number, _: heard.append(number)) for one in signals]
     try:
-        yield
+        yield lambda: bool(heard)
     finally:
-        signal.signal(signal.SIGINT, before)
+        for one, handler in zip(signals, before, strict=True):
+            signal.signal(one, handler)
+
+
+def _check_mujoco() -> None:
+    """MuJoCo loads the back end that MUJOCO_GL names as it is imported, and fails as that does."""
+    try:
+        import mujoco  # noqa: F401
+    except Exception as error:
+        name = os.environ.get("MUJOCO_GL")
+        if name is None:
+            raise
+        raise InputError(
+            f"MUJOCO_GL={name}: cannot be loaded ({error}); choose egl, osmesa or disable"
+        ) from None
 
 
 @contextmanager
