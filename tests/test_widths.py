@@ -40,14 +40,17 @@ def crossing(view, pose=START, stuck=False, **settings):
     return float(path.xy_m[np.argmin(np.abs(path.xy_m[:, 0])), 1]), plan.length_m
 
 
+TWO_GAPS = wall_with_gaps((0.475, 0.32), (-0.625, 0.45))
+
+
 def test_a_gap_with_room_is_taken_where_it_costs_little_more():
-    view = wall_with_gaps((0.375, 0.268), (-0.575, 0.4))
-    assert crossing(view)[0] < 0.0
-    assert crossing(view, prefer_m=0.0)[0] > 0.0
+    assert crossing(TWO_GAPS, prefer_m=0.08)[0] < 0.0
+    assert crossing(TWO_GAPS, prefer_m=0.0)[0] > 0.0
+    assert crossing(TWO_GAPS, prefer_m=0.04)[0] > 0.0  # the nearer gap has that too
 
 
-def test_a_gap_that_is_wide_enough_is_taken_where_the_other_is_far():
-    assert crossing(wall_with_gaps((0.475, 0.268), (-1.625, 0.4)))[0] > 0.0
+def test_a_gap_that_is_wide_enough_is_taken_where_the_other_costs_more():
+    assert crossing(TWO_GAPS, prefer_m=0.08, prefer_share=0.001)[0] > 0.0
 
 
 def test_a_gap_that_is_a_little_too_narrow_is_taken_where_the_way_round_is_long():
@@ -63,7 +66,7 @@ def test_whoever_got_stuck_no_longer_squeezes():
 
 def test_a_hard_plan_gets_no_second_one(monkeypatch):
     monkeypatch.setattr("simloop.widths._HARD", 0)
-    assert crossing(wall_with_gaps((0.375, 0.268), (-0.575, 0.4)))[0] > 0.0
+    assert crossing(TWO_GAPS, prefer_m=0.08)[0] > 0.0
 
 
 @pytest.mark.parametrize(("x", "left"), [(-1.5, 3.0), (-0.5, 2.0), (1.0, 0.5), (2.0, 0.0)])
