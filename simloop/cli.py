@@ -123,10 +123,7 @@ def run_scenario(
     wanted = load(scenario, overrides or (), seed=seed, planner=planner)
     outputs = choose(out, record, snapshots, json_file)
     outputs.check(resolve(scenario))
-    _check_mujoco()
-    from simloop.world import build_world
-
-    world = build_world(wanted)
+    world = _build(wanted)
     # Nothing has been written so far, and from here on nothing can be wrong with the input.
     console, notes = Console(quiet=quiet), Console(stderr=True, quiet=quiet)
     with _compiling(notes) as report:
@@ -235,17 +232,18 @@ def _stop_asked() -> Iterator[Callable[[], bool]]:
             signal.signal(one, handler)
 
 
-def _check_mujoco() -> None:
-    """MuJoCo loads the back end that MUJOCO_GL names as it is imported, and fails as that does."""
+def _build(scenario: Scenario) -> World:
+    """The scenario's world. MuJoCo loads what MUJOCO_GL names as it is imported, and fails so."""
     try:
-        import mujoco  # noqa: F401
+        from simloop.world import build_world
     except Exception as error:
         name = os.environ.get("MUJOCO_GL")
-        if name is None:
+        if not name:
             raise
         raise InputError(
             f"MUJOCO_GL={name}: cannot be loaded ({error}); choose egl, osmesa or disable"
         ) from None
+    return build_world(scenario)
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from simloop.messages import FloatArray
 Coordinate = Annotated[float, Field(ge=-1e4, le=1e4)]
 Point = tuple[Coordinate, Coordinate]
 ShapeName = Literal["box", "cylinder", "ellipse", "ell", "polygon"]
-Length = Annotated[float, Field(ge=1e-3, le=1e3)]
+Length = Annotated[float, Field(gt=0.0, le=1e3)]
 
 _SIZES = {
     "box": "length, width",

@@ -261,9 +261,22 @@ def test_a_room_that_cannot_be_drawn_is_refused() -> None:
     rng = np.random.default_rng(0)
     with pytest.raises(ValueError, match="inside the walls"):
         draw_clutter(rng, START, (4.3, 3.9), ROOM)
-    with pytest.raises(ValueError, match="fewer obstacles"):
+    with pytest.raises(ValueError, match="so near that nothing"):
         # Nothing can stand between two ends so close that both need the room to turn.
         draw_clutter(rng, START, (0.8, 0.0), ROOM, count=1)
+    with pytest.raises(ValueError, match="no place for 60 obstacles: ask for fewer"):
+        draw_clutter(rng, START, GOAL, ROOM, count=60)
+
+
+def test_what_is_drawn_keeps_clear_of_what_stands() -> None:
+    there = Section("pillar", np.array([[1.5, 1.5], [2.5, 1.5], [2.5, 2.5], [1.5, 2.5]]))
+    room = draw_clutter(np.random.default_rng(3), START, GOAL, ROOM, 8, standing=[there])
+    alone = rasterise([there], ROOM, 1.0)
+    for item in room:
+        for section in item.sections():
+            assert alone.clearance_m(section.vertices_m).min() - section.radius_m > 0.0
+    plan = rasterise([there, *(s for item in room for s in item.sections())], ROOM, 0.025)
+    assert is_passable(plan, START, GOAL, 0.29)
 
 
 def test_a_passage_is_as_wide_as_it_is() -> None:
