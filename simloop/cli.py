@@ -38,6 +38,8 @@ bench_app = typer.Typer(help="Measure speed and planners.", no_args_is_help=True
 app.add_typer(bench_app, name="bench")
 
 INPUT_WRONG, INTERRUPTED = 2, 130
+_CUT_OFF = 130
+"""What the command line's library returns where Ctrl-C cut a command off, without a word."""
 
 Overrides = Annotated[
     list[str] | None,
@@ -52,7 +54,10 @@ def main() -> None:
     """Entry point of the console script: one clear line for whatever the user got wrong."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        sys.exit(app(standalone_mode=False) or 0)
+        code = app(standalone_mode=False) or 0
+        if code == _CUT_OFF:
+            raise KeyboardInterrupt
+        sys.exit(code)
     except (KeyboardInterrupt, typer.Abort):
         _fail("interrupted", INTERRUPTED)
     except InputError as error:
@@ -140,7 +145,7 @@ def run_scenario(
         finally:
             _print_result(console, result.metrics, outputs)
     if result.outcome == "interrupted":
-        return INTERRUPTED
+        sys.exit(INTERRUPTED)  # said in the table, unlike what is cut off before or after
     return 0 if result.reached else 1
 
 

@@ -11,13 +11,22 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from simloop.arena import arena_names, bounds_of, build, draw_clutter, floor_plan, section_of_geom
+from simloop.arena import (
+    arena_names,
+    arena_path,
+    bounds_of,
+    build,
+    draw_clutter,
+    floor_plan,
+    section_of_geom,
+)
 from simloop.clutter import is_blocked, is_passable
 from simloop.floor_plan import BAND_M, Section, rasterise
 from simloop.obstacles import Obstacle
 
 START, GOAL = np.zeros(2), np.array([3.6, 3.9])
 ROOM = (-0.65, -0.55, 4.35, 4.45)
+LOOK = arena_path("open").parent / "assets" / "look.xml"
 
 
 def test_the_five_arenas_are_there() -> None:
@@ -247,6 +256,22 @@ def test_a_drawn_room_is_blocked_passable_and_leaves_room_to_turn(seed: int) -> 
         low, high = section.vertices_m.min(0), section.vertices_m.max(0)
         assert np.all(low - section.radius_m > ROOM[:2])
         assert np.all(high + section.radius_m < ROOM[2:])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('name="floor"', 'name="ground_1"', "no geom named 'floor'"),
+        ("</worldbody>", '<body><freejoint/><geom size="1"/></body></worldbody>', "has a joint"),
+        ("</worldbody>", '<geom name="x" size="1" group="3"/></worldbody>', "x is in group 3"),
+    ],
+)
+def test_an_arena_that_would_not_be_what_it_seems_is_refused(tmp_path, old, new, says) -> None:
+    text = arena_path("open").read_text().replace("assets/look.xml", str(LOOK))
+    assert old in text
+    (tmp_path / "odd.xml").write_text(text.replace(old, new))
+    with pytest.raises(ValueError, match=f"odd.xml: .*{says}"):
+        build(str(tmp_path / "odd.xml"))
 
 
 def test_a_seed_is_a_room() -> None:

@@ -101,6 +101,14 @@ def test_the_same_seed_gives_the_same_bits_in_two_processes():
     assert len(hashes) == 1
 
 
+def test_a_run_can_be_stopped_and_is_not_run_twice():
+    simulation = Simulation(load("open"))
+    result = simulation.run(lambda sim_time_s, to_go_m: sim_time_s < 0.5)
+    assert result.outcome == "interrupted" and result.metrics["sim_time_s"] == pytest.approx(0.6)
+    with pytest.raises(RuntimeError, match="runs once"):
+        simulation.run()
+
+
 def test_out_of_time_is_a_timeout():
     result = run("experiment", 0, "time_limit_s=1.0")
     assert result.outcome == "timeout"
