@@ -40,6 +40,8 @@ __all__ = [
 
 _MATERIALS = ("oak", "teal", "brick", "mustard", "slate", "sage", "plum")
 _COLLISION_GROUP = 3
+SEEN_GROUPS = (0, 1)
+"""The geom groups that rays meet: the arena's, not the vehicle's visual (2) and collision (3)."""
 _KINDS: dict[int, ShapeKind] = {
     mujoco.mjtGeom.mjGEOM_PLANE.value: "plane",
     mujoco.mjtGeom.mjGEOM_SPHERE.value: "sphere",
@@ -88,6 +90,7 @@ def build(
     path = arena_path(arena)
     try:
         world = _with_vehicle(path)
+        _check_arena(world)
         for number, obstacle in enumerate(obstacles, start=1):
             _add_obstacle(world, f"obstacle_drawn_{number:02d}", obstacle, number)
         if payload is not None:
@@ -196,6 +199,25 @@ def add_payload(world: mujoco.MjSpec, payload: PayloadConfig) -> None:
         load = world.body("base_link").add_body(name="payload", pos=list(payload.position_m))
         load.mass, load.inertia = payload.mass_kg, [1e-3 * payload.mass_kg] * 3
         load.explicitinertial = True
+
+
+def _check_arena(world: mujoco.MjSpec) -> None:
+    """Raise ValueError for what would not be true to the robot or to the floor plan."""
+    vehicle = world.body("base_link")
+    joints = {joint.name for joint in vehicle.find_all("joint")}
+    geoms = {geom.name for geom in vehicle.find_all("geom")}
+    moving = [joint.name for joint in world.joints if joint.name not in joints]
+    if moving:
+        raise ValueError(
+            f"an arena stands still, but this one has a joint ({moving[0] or 'no name'})"
+        )
+    if world.geom("floor") is None:
+        raise ValueError("the arena has no geom named 'floor'")
+    for geom in world.geoms:
+        solid = geom.contype or geom.conaffinity
+        if geom.name not in geoms and solid and geom.group not in SEEN_GROUPS:
+            name = geom.name or "without a name"
+            raise ValueError(f"geom {name} is in group {geom.group}, which no LiDAR sees: use 0")
 
 
 def _set_options(world: mujoco.MjSpec, timestep_s: float) -> None:

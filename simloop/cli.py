@@ -12,7 +12,6 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -39,6 +38,8 @@ bench_app = typer.Typer(help="Measure speed and planners.", no_args_is_help=True
 app.add_typer(bench_app, name="bench")
 
 INPUT_WRONG, INTERRUPTED = 2, 130
+_CUT_OFF = 130
+"""What the command line's library returns where Ctrl-C cut a command off, without a word."""
 
 Overrides = Annotated[
     list[str] | None,
@@ -53,10 +54,11 @@ def main() -> None:
     """Entry point of the console script: one clear line for whatever the user got wrong."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        sys.exit(app(standalone_mode=False) or 0)
-    except KeyboardInterrupt:
-        _fail("interrupted", INTERRUPTED)
-    except typer.Abort:
+        code = app(standalone_mode=False) or 0
+        if code == _CUT_OFF:
+            raise KeyboardInterrupt
+        sys.exit(code)
+    except (KeyboardInterrupt, typer.Abort):
         _fail("interrupted", INTERRUPTED)
     except InputError as error:
         _fail(f"error: {error}", INPUT_WRONG)
@@ -65,7 +67,8 @@ def main() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
     except OSError as error:
-        _fail(f"error: {error.filename or 'output'}: {error.strerror or error}", INPUT_WRONG)
+        where = f"{error.filename}: " if error.filename else ""
+        _fail(f"error: {where}{error.strerror or error}", INPUT_WRONG)
     except Exception as error:
         # The option parser's own errors have no public base class in every version of it.
         describe = getattr(error, "format_message", None)
@@ -120,14 +123,12 @@ def run_scenario(
 ) -> int:
     """Run a scenario: exit code 0 if the goal is reached, 1 if the robot fails."""
     from simloop.outputs import choose
-    from simloop.scenario import load
+    from simloop.scenario import load, resolve
 
     wanted = load(scenario, overrides or (), seed=seed, planner=planner)
     outputs = choose(out, record, snapshots, json_file)
-    outputs.check()
-    from simloop.world import build_world
-
-    world = build_world(wanted)
+    outputs.check(resolve(scenario))
+    world = _build(wanted)
     # Nothing has been written so far, and from here on nothing can be wrong with the input.
     console, notes = Console(quiet=quiet), Console(stderr=True, quiet=quiet)
     with _compiling(notes) as report:
@@ -135,13 +136,16 @@ def run_scenario(
 
         warm_up(wanted, world, report)
     outputs.prepare()
-    result = _record_and_run(wanted, world, outputs, notes)
-    try:
-        outputs.write_result(result.metrics)
-    finally:
-        _print_result(console, result.metrics, outputs)
+    with _stop_asked() as stop:
+        watch = _Watch(wanted, world, outputs)
+        result = _run(watch.simulation, notes, stop)
+        try:
+            outputs.write_result(result.metrics)
+            watch.finish()
+        finally:
+            _print_result(console, result.metrics, outputs)
     if result.outcome == "interrupted":
-        return INTERRUPTED
+        sys.exit(INTERRUPTED)  # said in the table, unlike what is cut off before or after
     return 0 if result.reached else 1
 
 
@@ -207,51 +211,73 @@ def bench_planners(json_file: JsonFile = None) -> int:
     return 0
 
 
-def _record_and_run(
-    scenario: Scenario, world: World, outputs: Outputs, notes: Console
-) -> RunResult:
-    """Run with whatever is to be kept; Ctrl-C ends the run, and all of it is kept readable."""
-    from simloop.loop import Simulation
-    from simloop.metrics import versions
-    from simloop.observers import recorder_for, snapshots_for
+class _Watch:
+    """A simulation, and whoever keeps something of it: the recording is closed in any case."""
 
-    outputs.write_config(scenario, versions())
-    recorder = pictures = None
-    if outputs.recording is not None:
-        recorder = recorder_for(outputs.recording, scenario, world)
-    if outputs.snapshots is not None:
-        pictures = snapshots_for(outputs.snapshots, scenario, world)
-    listeners = [] if pictures is None else [pictures.offer]
-    result = _run(Simulation(scenario, recorder, listeners, world=world), notes)
-    with _uninterrupted():
-        if recorder is not None:
-            recorder.close()
-        if pictures is not None:
-            pictures.finish()
-    return result
+    def __init__(self, scenario: Scenario, world: World, outputs: Outputs) -> None:
+        from simloop.loop import Simulation
+        from simloop.metrics import versions
+        from simloop.observers import recorder_for, snapshots_for
+
+        self._recorder = self._pictures = None
+        if outputs.recording is not None:
+            self._recorder = recorder_for(outputs.recording, scenario, world)
+        outputs.write_config(scenario, versions())
+        if outputs.snapshots is not None:
+            self._pictures = snapshots_for(outputs.snapshots, scenario, world)
+        listeners = [] if self._pictures is None else [self._pictures.offer]
+        self.simulation = Simulation(scenario, self._recorder, listeners, world=world)
+
+    def finish(self) -> None:
+        """Close the recording, draw the pictures."""
+        if self._recorder is not None:
+            self._recorder.close()
+        if self._pictures is not None:
+            self._pictures.finish()
 
 
-def _run(simulation: Simulation, notes: Console) -> RunResult:
+def _run(simulation: Simulation, notes: Console, stop: Callable[[], bool]) -> RunResult:
     from simloop.report import progress_bar
 
     to_go, limit = simulation.metrics.distance_to_go_m(), simulation.scenario.time_limit_s
-    began = perf_counter()
-    try:
-        with progress_bar(notes, to_go, limit) as progress:
-            return simulation.run(progress)
-    except KeyboardInterrupt:
-        with _uninterrupted():
-            return simulation.interrupted(perf_counter() - began)
+    with progress_bar(notes, to_go, limit) as show:
+
+        def progress(sim_time_s: float, to_go_m: float) -> bool:
+            show(sim_time_s, to_go_m)
+            return not stop()
+
+        return simulation.run(progress)
 
 
 @contextmanager
-def _uninterrupted() -> Iterator[None]:
-    """A second Ctrl-C must not cut off what makes the first one harmless."""
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _stop_asked() -> Iterator[Callable[[], bool]]:
+    """Tells whether Ctrl-C or a SIGTERM has come: asked for now and then, it cuts nothing off.
+
+    An exception raised wherever the run happens to be could end in the middle of a compiled
+    kernel or of what is being written.
+    """
+    heard: list[int] = []
+    signals = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(one, lambda number, _: heard.append(number)) for one in signals]
     try:
-        yield
+        yield lambda: bool(heard)
     finally:
-        signal.signal(signal.SIGINT, before)
+        for one, handler in zip(signals, before, strict=True):
+            signal.signal(one, handler)
+
+
+def _build(scenario: Scenario) -> World:
+    """The scenario's world. MuJoCo loads what MUJOCO_GL names as it is imported, and fails so."""
+    try:
+        from simloop.world import build_world
+    except Exception as error:
+        name = os.environ.get("MUJOCO_GL")
+        if not name:
+            raise
+        raise InputError(
+            f"MUJOCO_GL={name}: cannot be loaded ({error}); choose egl, osmesa or disable"
+        ) from None
+    return build_world(scenario)
 
 
 @contextmanager

@@ -9,13 +9,14 @@ import numpy as np
 from scipy import ndimage
 
 from simloop.config import VehicleConfig
-from simloop.floor_plan import FloorPlan, rasterise
+from simloop.floor_plan import FloorPlan, Section, rasterise
 from simloop.messages import FloatArray
 from simloop.obstacles import Obstacle, ShapeName
 
 _SHAPES: tuple[ShapeName, ...] = ("box", "cylinder", "ellipse", "polygon", "ell")
 _ROOMS = 200
 _PLACES = 200
+_FULL_ROOMS = 20
 _RASTER_M = 0.025
 _APART_M = 0.04
 _TURNING_ROOM_M = 0.11
@@ -30,10 +31,12 @@ def draw_clutter(
     count: int = 12,
     vehicle: VehicleConfig | None = None,
     d_safe: float = 0.26,
+    standing: Sequence[Section] = (),
 ) -> list[Obstacle]:
     """Obstacles of different shapes, as large as discs of radius 0.10-0.25 m.
 
-    start, goal: (2,) or (3,), m, in map; bounds: (4,) x_min, y_min, x_max, y_max, m. Drawn again
+    start, goal: (2,) or (3,), m, in map; bounds: (4,) x_min, y_min, x_max, y_max, m; standing:
+    what stands there already and is kept clear of. Drawn again
     until the straight line from start to goal is blocked and a disc 4 cm wider in radius than
     the robot's safety distance can still pass; start and goal keep room for the robot to turn.
     Raises ValueError where that cannot be, or was not found in 200 rooms.
@@ -45,11 +48,18 @@ def draw_clutter(
     turning_m = math.hypot(0.5 * vehicle.length_m, 0.5 * vehicle.width_m) + _TURNING_ROOM_M
     if np.any(_to_walls(ends, walls) < passage_m):
         raise ValueError(f"start and goal must be at least {passage_m:.2f} m inside the walls")
+    if math.dist(*ends) < 2.0 * turning_m:
+        raise ValueError("start and goal are so near that nothing drawn could stand between them")
+    there, full = rasterise(standing, walls, _RASTER_M), 0
     for _ in range(_ROOMS):
-        room = _draw_room(rng, ends, walls, count, turning_m)
+        room = _draw_room(rng, ends, walls, count, turning_m, there)
         if room is None:
+            full += 1
+            if full == _FULL_ROOMS:
+                raise ValueError(f"found no place for {count} obstacles: ask for fewer")
             continue
-        plan = rasterise([s for item in room for s in item.sections()], walls, _RASTER_M)
+        sections = [s for item in room for s in item.sections()]
+        plan = rasterise([*standing, *sections], walls, _RASTER_M)
         if is_blocked(plan, ends[0], ends[1]) and is_passable(plan, ends[0], ends[1], passage_m):
             return room
     raise ValueError(
@@ -90,7 +100,12 @@ def _to_walls(points: FloatArray, bounds: FloatArray) -> FloatArray:
 
 
 def _draw_room(
-    rng: np.random.Generator, ends: FloatArray, walls: FloatArray, count: int, turning_m: float
+    rng: np.random.Generator,
+    ends: FloatArray,
+    walls: FloatArray,
+    count: int,
+    turning_m: float,
+    there: FloorPlan,
 ) -> list[Obstacle] | None:
     room: list[Obstacle] = []
     for _ in range(_PLACES):
@@ -101,6 +116,8 @@ def _draw_room(
         if np.any(alone.clearance_m(ends) < turning_m) or np.any(
             _to_walls(_outline(item), walls) < _APART_M
         ):
+            continue
+        if there.sections and np.any(there.clearance_m(_outline(item)) < _APART_M):
             continue
         if all(_apart(alone, other) for other in room):
             room.append(item)

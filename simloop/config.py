@@ -14,8 +14,11 @@ from pydantic_core import PydanticCustomError
 
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 
-Positive = Annotated[float, Field(gt=0.0)]
-NonNegative = Annotated[float, Field(ge=0.0)]
+# Wide enough for whatever may be meant, and narrow enough that nothing overflows or never ends.
+Positive = Annotated[float, Field(gt=0.0, le=1e6)]
+NonNegative = Annotated[float, Field(ge=0.0, le=1e6)]
+Length = Annotated[float, Field(gt=0.0, le=10.0)]
+Period = Annotated[float, Field(gt=0.0, le=3600.0)]
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
@@ -32,20 +35,21 @@ def _reject(message: str) -> PydanticCustomError:
 
 @dataclass(frozen=True, slots=True, config=_STRICT)
 class RatesConfig:
-    """Periods, s. Physics divides control; control divides every sensor and planner period."""
+    """Periods, s. Physics divides control; control divides the LiDAR's and the planner's.
 
-    physics_s: Positive = 0.002
-    control_s: Positive = 0.01
-    imu_s: Positive = 0.01
-    encoder_s: Positive = 0.01
-    lidar_s: Positive = 0.1
-    plan_s: Positive = 1.83
+    Encoders and IMU are read once a control period.
+    """
+
+    physics_s: Annotated[float, Field(ge=1e-6, le=0.01)] = 0.002
+    control_s: Annotated[float, Field(ge=1e-6, le=0.1)] = 0.01
+    lidar_s: Period = 0.1
+    plan_s: Period = 1.83
 
     @model_validator(mode="after")
     def _periods_divide(self) -> RatesConfig:
         """Integer ratios, checked in whole nanoseconds: no period may drift against another."""
-        sensors = ("imu_s", "encoder_s", "lidar_s", "plan_s")
-        for slow, fast in [("control_s", "physics_s")] + [(name, "control_s") for name in sensors]:
+        pairs = (("control_s", "physics_s"), ("lidar_s", "control_s"), ("plan_s", "control_s"))
+        for slow, fast in pairs:
             long_s, short_s = getattr(self, slow), getattr(self, fast)
             if to_ns(short_s) < 1 or to_ns(long_s) % to_ns(short_s) or to_ns(long_s) < 1:
                 raise _reject(
@@ -107,15 +111,18 @@ class MotorConfig:
 
 @dataclass(frozen=True, slots=True, config=_STRICT)
 class VehicleConfig:
-    """What the robot's own software knows of its body (Sabiha 2022, Table 3)."""
+    """The robot's body, as its own software knows it (Sabiha 2022, Table 3).
 
-    gauge_m: Positive = 0.39
-    contact_length_m: Positive = 0.415
-    sprocket_radius_m: Positive = 0.037
-    length_m: Positive = 0.49
-    width_m: Positive = 0.465
+    sprocket_radius_m is the plant's too; all else of the plant stands in the vehicle's model.
+    """
+
+    gauge_m: Length = 0.39
+    contact_length_m: Length = 0.415
+    sprocket_radius_m: Length = 0.037
+    length_m: Length = 0.49
+    width_m: Length = 0.465
     footprint_offsets_m: tuple[float, float, float] = (-0.16, 0.0, 0.16)
-    footprint_radius_m: Positive = 0.25
+    footprint_radius_m: Length = 0.25
 
 
 @dataclass(frozen=True, slots=True, config=_STRICT)
@@ -128,7 +135,7 @@ class PayloadConfig:
 
 @dataclass(frozen=True, slots=True, config=_STRICT)
 class EncoderConfig:
-    counts_per_turn: Annotated[int, Field(gt=0)] = 980
+    counts_per_turn: Annotated[int, Field(gt=0, le=10**7)] = 980
 
 
 @dataclass(frozen=True, slots=True, config=_STRICT)
@@ -147,7 +154,7 @@ class ImuConfig:
 class LidarConfig:
     rays: Annotated[int, Field(ge=8, le=36000)] = 360
     range_min_m: Positive = 0.15
-    range_max_m: Positive = 12.0
+    range_max_m: Annotated[float, Field(ge=0.01, le=1000.0)] = 12.0
     noise_m: NonNegative = 0.01
     dropout: Fraction = 0.005
 
@@ -192,21 +199,21 @@ class SlamConfig:
     goal waypoints may lie.
     """
 
-    resolution_m: Positive = 0.05
+    resolution_m: Annotated[float, Field(ge=0.005, le=1.0)] = 0.05
     hit_log_odds: Positive = 0.9
     miss_log_odds: Positive = 0.4
     max_log_odds: Positive = 5.0
     occupied_log_odds: NonNegative = 0.5
-    search_xy_m: Positive = 0.15
-    search_yaw_rad: Positive = 0.10
-    search_points: Annotated[int, Field(ge=10)] = 90
+    search_xy_m: Annotated[float, Field(gt=0.0, le=2.0)] = 0.15
+    search_yaw_rad: Annotated[float, Field(gt=0.0, le=3.2)] = 0.10
+    search_points: Annotated[int, Field(ge=10, le=10_000)] = 90
     grain_m: Positive = 0.01
-    refine_steps: Annotated[int, Field(ge=1)] = 12
+    refine_steps: Annotated[int, Field(ge=1, le=1000)] = 12
     least_overlap: Fraction = 0.4
     most_residual: Positive = 5.0
     match_std_xy_m: Positive = 0.0005
     match_std_yaw_rad: Positive = 0.00025
-    beyond_m: Positive = 0.5
+    beyond_m: Length = 0.5
 
 
 @dataclass(frozen=True, slots=True, config=_STRICT)
@@ -222,16 +229,16 @@ class PlannerConfig:
     turning_weight: NonNegative = 0.35
     start_turn_weight: NonNegative = 0.1
     penalty: Positive = 60.0
-    learners: Annotated[int, Field(ge=4)] = 100
-    idle_generations: Annotated[int, Field(ge=1)] = 30
-    max_evaluations: Annotated[int, Field(ge=100)] = 40_000
-    safe_distance_m: Positive = 0.26
+    learners: Annotated[int, Field(ge=4, le=10_000)] = 100
+    idle_generations: Annotated[int, Field(ge=1, le=10_000)] = 30
+    max_evaluations: Annotated[int, Field(ge=100, le=10**8)] = 40_000
+    safe_distance_m: Annotated[float, Field(ge=0.06, le=5.0)] = 0.26
     squeeze_m: Annotated[float, Field(ge=0.0, lt=0.05)] = 0.008
-    prefer_m: NonNegative = 0.02
+    prefer_m: Annotated[float, Field(ge=0.0, le=1.0)] = 0.02
     prefer_share: NonNegative = 0.05
     precise: bool = False
     latency: Literal["fixed", "per_evaluation"] = "fixed"
-    latency_s: NonNegative = 0.0
+    latency_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 0.0
 
 
 @dataclass(frozen=True, slots=True, config=_STRICT)
@@ -241,11 +248,11 @@ class SmootherConfig:
     extra_room_m: what the path keeps over the safety distance where there is room for it.
     """
 
-    spacing_m: Positive = 0.02
-    max_cut_m: Positive = 0.6
-    min_cut_m: Positive = 0.01
-    extra_room_m: NonNegative = 0.04
-    lead_in_m: Positive = 0.25
+    spacing_m: Annotated[float, Field(ge=0.001, le=1.0)] = 0.02
+    max_cut_m: Length = 0.6
+    min_cut_m: Length = 0.01
+    extra_room_m: Annotated[float, Field(ge=0.0, le=1.0)] = 0.04
+    lead_in_m: Length = 0.25
     lead_in_max_turn_rad: NonNegative = 1.0
 
 

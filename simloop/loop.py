@@ -67,7 +67,7 @@ class Simulation:
         self.plant = Plant(self.world.model, config)
         imu_rng, lidar_rng, planner_rng = np.random.default_rng(scenario.seed).spawn(3)
         self._encoders = Encoders(config.encoder)
-        self._imu = Imu(config.imu, rates.imu_s, imu_rng)
+        self._imu = Imu(config.imu, rates.control_s, imu_rng)
         mount = self.plant.base_from_laser
         self._lidar = Lidar(config.lidar, rates.lidar_s, mount, lidar_rng)
         start, goal = np.array(scenario.start), np.array(scenario.goal)
@@ -82,11 +82,14 @@ class Simulation:
         self._step = watch.wrap("plant", self.plant.step)
         self._sweep = watch.wrap("lidar", self._lidar.sweep)
 
-    def run(self, progress: Callable[[float, float], None] | None = None) -> RunResult:
-        """Run to the end. progress: called now and then with simulated s and m to go.
+    def run(self, progress: Callable[[float, float], bool] | None = None) -> RunResult:
+        """Run to the end, once. progress: called now and then with simulated s and m to go.
 
-        Ends when the robot stands at its goal, touches something, gives up, or is out of time.
+        Ends when the robot stands at its goal, touches something, gives up, or is out of time;
+        or, as ``interrupted``, when ``progress`` answers False.
         """
+        if self.plant.t_ns:
+            raise RuntimeError("a simulation runs once: make another for another run")
         began = time.perf_counter()
         voltage, truth = np.zeros(2), self.plant.reset(np.array(self.scenario.start))
         self._publish([truth])
@@ -102,13 +105,10 @@ class Simulation:
                 self._publish([truth, encoders, imu, *heard, command])
                 self._publish(self.robot.said)
                 outcome, ticks = self._outcome(truth), ticks + 1
-                if progress and ticks % _PROGRESS_TICKS == 0:
-                    progress(truth.t_ns * 1e-9, self._distance(truth))
+                if progress and not outcome and ticks % _PROGRESS_TICKS == 0:
+                    goes_on = progress(truth.t_ns * 1e-9, self._distance(truth))
+                    outcome = "" if goes_on else "interrupted"
         return self._result(outcome, time.perf_counter() - began)
-
-    def interrupted(self, wall_time_s: float) -> RunResult:
-        """The result of a run that somebody stopped."""
-        return self._result("interrupted", wall_time_s)
 
     def _result(self, outcome: str, wall_time_s: float) -> RunResult:
         metrics = self.metrics.result(

@@ -23,7 +23,8 @@ class _Message:
     __slots__ = ()
 
     def __post_init__(self) -> None:
-        for get in _array_getters(self.__class__):
+        kind: Any = self.__class__
+        for get in _array_getters(kind):
             get(self).setflags(False)  # write; by its name it costs twice as much
 
 

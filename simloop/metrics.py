@@ -120,7 +120,7 @@ class RunMetrics:
         shortest_m = self._shortest_m()
         spl = 0.0
         if outcome == "reached" and shortest_m is not None:
-            spl = shortest_m / max(path_m, shortest_m) if path_m > 0.0 else 1.0
+            spl = shortest_m / max(path_m, shortest_m) if shortest_m > 0.0 else 1.0
         sim_time_s = (self._true_ns[-1] if self._true_ns else 0) / 1e9
         clearance_m = least_clearance(self._floor, poses, self._scenario.config.vehicle)
         return {

@@ -76,6 +76,29 @@ def steadied(points: FloatArray, window: int, apart: float) -> FloatArray:
 
 
 @njit(cache=True)
+def near_points(points: FloatArray, pose: FloatArray, near_m: float) -> FloatArray:
+    """(k, 2) in map, of points (n, 2) seen from ``pose`` (3,): those within ``near_m``."""
+    out, k = np.empty_like(points), 0
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    for i in range(points.shape[0]):
+        x, y = points[i, 0], points[i, 1]
+        if math.hypot(x, y) < near_m:
+            out[k, 0] = pose[0] + cos * x - sin * y
+            out[k, 1] = pose[1] + sin * x + cos * y
+            k += 1
+    return out[:k]
+
+
+@njit(cache=True)
+def steadied_around(pose: FloatArray, points: FloatArray, window: int, apart: float) -> FloatArray:
+    """(n, 2) in the frame ``pose`` (3,), of points (n, 2) in map: by bearing, and steadied."""
+    near, bearing = points_in(pose, np.zeros(3), points), np.empty(points.shape[0])
+    for i in range(near.shape[0]):
+        bearing[i] = math.atan2(near[i, 1], near[i, 0])
+    return steadied(near[np.argsort(bearing, kind="mergesort")], window, apart)
+
+
+@njit(cache=True)
 def _hindered(
     points: FloatArray,
     ahead: float,
@@ -200,18 +223,16 @@ class CollisionMonitor:
             config.monitor_reaction_s + config.max_speed_mps / config.max_decel_mps2
         )
         self._near_m = reach + stop + _BETWEEN_SCANS_M
-        self._scans: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=_SCANS)
+        self._scans: deque[FloatArray] = deque(maxlen=_SCANS)  # points in map
         self._points = np.empty((0, 2))
         self._pose = np.zeros(3)
 
     def observe(self, points_m: FloatArray, pose: FloatArray) -> None:
         """Take a scan: points (n, 2) in base_link, seen from ``pose`` (3,) in map."""
-        pose = np.array(pose, np.float64)
-        near = np.hypot(points_m[:, 0], points_m[:, 1]) < self._near_m
-        self._scans.append((np.ascontiguousarray(points_m[near]), pose))
-        merged = np.concatenate([points_in(pose, seen, points) for points, seen in self._scans])
-        order = np.argsort(np.arctan2(merged[:, 1], merged[:, 0]), kind="stable")
-        self._points, self._pose = steadied(merged[order], _WINDOW, _ONE_SURFACE_M), pose
+        self._pose = pose = np.array(pose, np.float64)
+        self._scans.append(near_points(np.ascontiguousarray(points_m), pose, self._near_m))
+        merged = np.concatenate(self._scans)
+        self._points = steadied_around(pose, merged, _WINDOW, _ONE_SURFACE_M)
 
     def allow(self, speed: float, yaw_rate: float, pose: FloatArray) -> tuple[float, float]:
         """The part of a velocity (m/s, rad/s) that can be stopped in time at ``pose`` (3,)."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import cv2
 import numpy as np
 
@@ -17,29 +19,31 @@ def discs_of(occupied: np.ndarray, origin_m: FloatArray, resolution_m: float) ->
     count, labels = cv2.connectedComponents(occupied.view(np.uint8), connectivity=8)
     if count <= 1:
         return np.empty((0, 3))
-    rows, cols = np.nonzero(occupied)
-    label = labels[rows, cols]
-    discs = []
-    for k in range(1, count):
-        mine = label == k
-        discs.extend(_cover(cols[mine], rows[mine], resolution_m))
-    found = np.array(discs)
-    found[:, :2] += origin_m
-    return found
-
-
-def _cover(cols: np.ndarray, rows: np.ndarray, resolution_m: float) -> list[tuple[float, ...]]:
-    """Discs, from the grid's corner, m, about the cells of one component."""
-    tile = max(1, round(_PIECE_M / resolution_m))
-    if max(np.ptp(cols), np.ptp(rows)) < tile:
-        groups = [np.ones(len(cols), bool)]
-    else:
-        key = (rows // tile) * (cols.max() + tile) + cols // tile
-        groups = [key == value for value in np.unique(key)]
-    discs: list[tuple[float, ...]] = []
-    for group in groups:
-        centres = (np.column_stack((cols[group], rows[group])) + 0.5).astype(np.float32)
-        (x, y), radius = cv2.minEnclosingCircle(centres)
-        reach = radius + np.sqrt(0.5)  # to the cells' corners
-        discs.append((x * resolution_m, y * resolution_m, reach * resolution_m))
+    cells = np.argwhere(occupied)
+    group = _groups(labels[occupied], cells, max(1, round(_PIECE_M / resolution_m)))
+    order = np.argsort(group, kind="stable")
+    centres = (cells[order, ::-1] + 0.5).astype(np.float32)
+    ends = np.flatnonzero(np.diff(group[order], append=-1)) + 1
+    discs, first = np.empty((len(ends), 3)), 0
+    for disc, end in zip(discs, ends.tolist(), strict=True):
+        (disc[0], disc[1]), disc[2] = cv2.minEnclosingCircle(centres[first:end])
+        first = end
+    discs[:, 2] += math.sqrt(0.5)  # to the cells' corners
+    discs *= resolution_m
+    discs[:, :2] += origin_m
     return discs
+
+
+def _groups(label: np.ndarray, cells: np.ndarray, tile: int) -> np.ndarray:
+    """(n,) a number for each of cells (n, 2): that of its component, or of its tile in a long one.
+
+    label: (n,) of the component, from 1; tile: cells along a tile's side.
+    """
+    order = np.argsort(label, kind="stable")
+    first = np.flatnonzero(np.diff(label[order], prepend=0))
+    low = np.minimum.reduceat(cells[order], first, axis=0)
+    high = np.maximum.reduceat(cells[order], first, axis=0)
+    long = ((high - low).max(axis=1) >= tile)[label - 1]
+    row, col = (cells // tile).T
+    tiles = (row.max() + 1) * (col.max() + 1)
+    return label * tiles + long * (row * (col.max() + 1) + col)

@@ -12,9 +12,10 @@ from pydantic.dataclasses import dataclass
 from simloop.floor_plan import Section
 from simloop.messages import FloatArray
 
-Point = tuple[float, float]
+Coordinate = Annotated[float, Field(ge=-1e4, le=1e4)]
+Point = tuple[Coordinate, Coordinate]
 ShapeName = Literal["box", "cylinder", "ellipse", "ell", "polygon"]
-Length = Annotated[float, Field(gt=0.0)]
+Length = Annotated[float, Field(gt=0.0, le=1e3)]
 
 _SIZES = {
     "box": "length, width",

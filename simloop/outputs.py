@@ -23,8 +23,18 @@ class Outputs:
     result: Path | None = None
     config: Path | None = None
 
-    def check(self) -> None:
-        """Raise InputError for anything that cannot be written; leaves no trace."""
+    def check(self, source: Path | None = None) -> None:
+        """Raise InputError for anything that cannot be written; leaves no trace.
+
+        source: the file that the run is described in, which no output may take the place of.
+        """
+        taken = {} if source is None else {source.resolve(): "the scenario itself"}
+        named = (("--record", self.recording), ("--json", self.result), ("config", self.config))
+        for flag, file in named:
+            if file is not None and not (file.exists() and not file.is_file()):
+                if file.resolve() in taken:
+                    raise InputError(f"{flag} {file}: would overwrite {taken[file.resolve()]}")
+                taken[file.resolve()] = f"what {flag} writes"
         for flag, file in (("--record", self.recording), ("--json", self.result)):
             if file is not None:
                 check_file(file, flag)
@@ -56,6 +66,8 @@ def choose(
     out: Path | None, recording: Path | None, snapshots: Path | None, result: Path | None
 ) -> Outputs:
     """What the options ask for: ``--out DIR`` means everything, unless named apart."""
+    if result is not None and not result.name:
+        raise InputError(f"--json '{result}': not a file")
     if out is not None:
         check_directory(out, "--out")
         recording = recording or out / "run.rrd"

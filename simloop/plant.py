@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from simloop.arena import SEEN_GROUPS
 from simloop.config import Config
 from simloop.messages import FloatArray, TrackTruth, Truth
 from simloop.track_kernel import apply_tracks
@@ -211,8 +212,7 @@ class Plant:
             self.model.dof_frictionloss,
             self._base,
         )
-        # Rays see the arena, not the vehicle's own visual (2) and collision (3) geoms.
-        self._ray_groups = np.array([1, 1, 0, 0, 0, 0], np.uint8)
+        self._ray_groups = np.isin(np.arange(6), SEEN_GROUPS).astype(np.uint8)
         self.t_ns = 0
         self._contacts = 0
         self._touching = False

@@ -64,7 +64,7 @@ class Robot:
         period = rates.control_s
         self._config, self._mission = config, mission
         self._ekf = Ekf(
-            config.ekf, config.encoder, config.imu, vehicle, mission.start, rates.encoder_s
+            config.ekf, config.encoder, config.imu, vehicle, mission.start, rates.control_s
         )
         self._slam = GridSlam(config.slam, vehicle, base_from_laser)
         self._planner = WidthPlanner(config, mission.goal, rng)

@@ -25,10 +25,10 @@ from pydantic_core import ErrorDetails
 from simloop.catalog import arena_files, planner_names, scenario_files
 from simloop.config import Config, Positive
 from simloop.errors import InputError, did_you_mean
-from simloop.obstacles import Obstacle
+from simloop.obstacles import Coordinate, Obstacle, Point
 
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
-_BARE_WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_\-./]*\Z")
+_BARE_WORD = re.compile(r"[A-Za-z_./][A-Za-z0-9_\-./]*\Z")
 Count = Annotated[int, Field(ge=0, lt=2**63)]
 
 
@@ -49,8 +49,8 @@ class Scenario:
 
     name: str
     arena: str
-    start: tuple[float, float, float]
-    goal: tuple[float, float]
+    start: tuple[Coordinate, Coordinate, float]
+    goal: Point
     title: str = ""
     description: str = ""
     seed: Count = 0
@@ -76,18 +76,24 @@ def load(
     file = resolve(name_or_path)
     table = read_toml(file)
     table.setdefault("name", file.stem)
+    _place_arena(table, file.parent)
     for text in overrides:
         apply_override(table, text)
+    _place_arena(table, Path.cwd())  # whoever writes it on the command line means it from there
     if seed is not None:
         table["seed"] = seed
     if planner is not None:
         apply_override(table, f"planner.name={json.dumps(planner)}")
-    arena = table.get("arena")
-    if isinstance(arena, str) and arena.endswith(".xml"):
-        table["arena"] = str((file.parent / arena).resolve())
     scenario = from_table(table, source=str(name_or_path))
     _check_names(scenario, source=str(name_or_path))
     return scenario
+
+
+def _place_arena(table: dict[str, Any], folder: Path) -> None:
+    """Make an arena that is given as a file a full path, in place; a full one stays."""
+    arena = table.get("arena")
+    if isinstance(arena, str) and arena.endswith(".xml"):
+        table["arena"] = str((folder / arena).resolve())
 
 
 def resolve(name_or_path: str | Path) -> Path:

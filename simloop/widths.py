@@ -19,6 +19,7 @@ from simloop.messages import FloatArray, Plan, WorldView
 from simloop.planners.registry import make_planner
 
 _LONG_WAY_ROUND_M = 0.3  # more than this saved is worth a squeeze
+_HARD = 5000  # evaluations of a plan after which there is no time for a second one
 
 
 class _Width:
@@ -64,7 +65,7 @@ class WidthPlanner:
                     not plan.safe or tight.length_m < plan.length_m - _LONG_WAY_ROUND_M
                 ):
                     return tight, self._tight.smoother
-        elif config.prefer_m > 0.0:
+        elif config.prefer_m > 0.0 and plan.evaluations <= _HARD:
             roomy = plan_with(self._roomy)
             if roomy.safe and roomy.cost < plan.cost * (1.0 + config.prefer_share):
                 return roomy, self._roomy.smoother

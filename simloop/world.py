@@ -22,6 +22,8 @@ from simloop.scenario import Scenario
 if TYPE_CHECKING:
     from mujoco import MjModel
 
+_LEAST_HALF_WIDTH = 0.45
+"""Of the robot's width: no way that is narrower than nine tenths of it is worth a try."""
 _CLUTTER_STREAM = 0xC1
 """Marks the draw of the room off from all the generators that the stages get from the seed."""
 
@@ -49,6 +51,7 @@ def build_world(scenario: Scenario) -> World:
                 scenario.clutter.count,
                 scenario.config.vehicle,
                 scenario.config.planner.safe_distance_m,
+                [s for s in floor_plan(model).sections if not s.name.startswith("wall")],
             )
             model = build(scenario.arena, obstacles, step_s, scenario.config.payload)
         floor = floor_plan(model)
@@ -77,7 +80,7 @@ def check_ends(scenario: Scenario, floor: FloorPlan, where: str) -> None:
             )
     if least_clearance(floor, np.array([scenario.start]), scenario.config.vehicle) <= 0.0:
         raise InputError(f"{where}: start: the robot's outline touches {nearest(floor, start)[1]}")
-    if not is_passable(floor, start, goal, 0.0):
+    if not is_passable(floor, start, goal, _LEAST_HALF_WIDTH * scenario.config.vehicle.width_m):
         raise InputError(f"{where}: goal ({goal[0]:g}, {goal[1]:g}) is walled off from the start")
 
 

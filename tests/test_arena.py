@@ -11,13 +11,22 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from simloop.arena import arena_names, bounds_of, build, draw_clutter, floor_plan, section_of_geom
+from simloop.arena import (
+    arena_names,
+    arena_path,
+    bounds_of,
+    build,
+    draw_clutter,
+    floor_plan,
+    section_of_geom,
+)
 from simloop.clutter import is_blocked, is_passable
 from simloop.floor_plan import BAND_M, Section, rasterise
 from simloop.obstacles import Obstacle
 
 START, GOAL = np.zeros(2), np.array([3.6, 3.9])
 ROOM = (-0.65, -0.55, 4.35, 4.45)
+LOOK = arena_path("open").parent / "assets" / "look.xml"
 
 
 def test_the_five_arenas_are_there() -> None:
@@ -249,6 +258,22 @@ def test_a_drawn_room_is_blocked_passable_and_leaves_room_to_turn(seed: int) -> 
         assert np.all(high + section.radius_m < ROOM[2:])
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('name="floor"', 'name="ground_1"', "no geom named 'floor'"),
+        ("</worldbody>", '<body><freejoint/><geom size="1"/></body></worldbody>', "has a joint"),
+        ("</worldbody>", '<geom name="x" size="1" group="3"/></worldbody>', "x is in group 3"),
+    ],
+)
+def test_an_arena_that_would_not_be_what_it_seems_is_refused(tmp_path, old, new, says) -> None:
+    text = arena_path("open").read_text().replace("assets/look.xml", str(LOOK))
+    assert old in text
+    (tmp_path / "odd.xml").write_text(text.replace(old, new))
+    with pytest.raises(ValueError, match=f"odd.xml: .*{says}"):
+        build(str(tmp_path / "odd.xml"))
+
+
 def test_a_seed_is_a_room() -> None:
     first = draw_clutter(np.random.default_rng(4), START, GOAL, ROOM)
     again = draw_clutter(np.random.default_rng(4), START, GOAL, ROOM)
@@ -261,9 +286,22 @@ def test_a_room_that_cannot_be_drawn_is_refused() -> None:
     rng = np.random.default_rng(0)
     with pytest.raises(ValueError, match="inside the walls"):
         draw_clutter(rng, START, (4.3, 3.9), ROOM)
-    with pytest.raises(ValueError, match="fewer obstacles"):
+    with pytest.raises(ValueError, match="so near that nothing"):
         # Nothing can stand between two ends so close that both need the room to turn.
         draw_clutter(rng, START, (0.8, 0.0), ROOM, count=1)
+    with pytest.raises(ValueError, match="no place for 60 obstacles: ask for fewer"):
+        draw_clutter(rng, START, GOAL, ROOM, count=60)
+
+
+def test_what_is_drawn_keeps_clear_of_what_stands() -> None:
+    there = Section("pillar", np.array([[1.5, 1.5], [2.5, 1.5], [2.5, 2.5], [1.5, 2.5]]))
+    room = draw_clutter(np.random.default_rng(3), START, GOAL, ROOM, 8, standing=[there])
+    alone = rasterise([there], ROOM, 1.0)
+    for item in room:
+        for section in item.sections():
+            assert alone.clearance_m(section.vertices_m).min() - section.radius_m > 0.0
+    plan = rasterise([there, *(s for item in room for s in item.sections())], ROOM, 0.025)
+    assert is_passable(plan, START, GOAL, 0.29)
 
 
 def test_a_passage_is_as_wide_as_it_is() -> None:

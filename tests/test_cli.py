@@ -58,8 +58,8 @@ def test_version():
         (["run", "experiment", "--planner", "rrt"], "unknown planner 'rrt'; choices: tlbo"),
         (["run", "experiment", "--set", "goal=[2.05,0.55]"], "inside obstacle_02"),
         (["run", "experiment", "--set", "goal=[50,50]"], "outside the arena"),
-        (["run", "experiment", "--set", "rates.imu_s=-1"], "must be greater than 0"),
-        (["run", "experiment", "--set", "rates.imu_s=0.015"], "not a whole multiple"),
+        (["run", "experiment", "--set", "rates.lidar_s=-1"], "must be greater than"),
+        (["run", "experiment", "--set", "rates.lidar_s=0.105"], "not a whole multiple"),
         (["run", "experiment", "--set", "goal=[nan,1]"], "must be a finite number"),
         (["run", "experiment", "--seed", "x"], "--seed"),
         (["run", "experiment", "--sed", "1"], "--sed"),
@@ -84,6 +84,35 @@ def test_an_output_that_cannot_be_written_is_refused_before_the_run(tmp_path, op
     assert done.returncode == 2 and time.perf_counter() - began < 10
     assert f"error: {option}" in done.stderr and "is not a directory" in done.stderr
     assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+def test_no_output_takes_the_place_of_another_or_of_the_scenario(tmp_path):
+    mine = tmp_path / "mine.config.toml"
+    mine.write_text("mine")
+    for outputs, what in (
+        (choose(None, None, None, tmp_path / "mine.json"), "the scenario itself"),
+        (choose(None, None, None, mine), "the scenario itself"),
+        (choose(None, mine, None, None), "the scenario itself"),
+        (choose(None, tmp_path / "x", None, tmp_path / "x"), "what --record writes"),
+    ):
+        with pytest.raises(InputError, match=f"would overwrite {what}"):
+            outputs.check(mine)
+    choose(None, tmp_path / "y", None, tmp_path / "x").check(mine)
+    with pytest.raises(InputError, match="not a file"):
+        choose(None, None, None, Path(""))
+
+
+def test_a_graphics_back_end_that_cannot_be_loaded_is_one_line(tmp_path):
+    done = simloop("run", "open", "--json", tmp_path / "x", env=os.environ | {"MUJOCO_GL": "none"})
+    assert done.returncode == 2 and done.stderr.startswith("error: MUJOCO_GL=none: cannot be")
+    assert len(done.stderr.splitlines()) == 1 and list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is always full")
+def test_a_recording_that_cannot_begin_leaves_nothing(tmp_path):
+    done = simloop("run", "open", *SHORT, "--record", "/dev/full", "--json", tmp_path / "x.json")
+    assert done.returncode == 2 and "cannot record to /dev/full" in done.stderr
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_checking_outputs_leaves_no_trace(tmp_path):

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from simloop.config import Config, LidarConfig, RatesConfig, to_ns
 
-SLOW = ("control_s", "imu_s", "encoder_s", "lidar_s", "plan_s")
+SLOW = ("control_s", "lidar_s", "plan_s")
 
 
 def test_defaults_are_valid_and_sections_cannot_be_changed():
@@ -38,7 +38,7 @@ def test_a_period_that_does_not_divide_is_refused_by_name(name):
 
 def test_division_is_checked_in_nanoseconds_not_in_floating_point():
     # 0.3 % 0.1 is 0.1 in floating point, yet three tenths are three times a tenth.
-    assert RatesConfig(control_s=0.1, imu_s=0.3, encoder_s=0.1, lidar_s=0.7, plan_s=1.1)
+    assert RatesConfig(physics_s=0.01, control_s=0.1, lidar_s=0.3, plan_s=1.1)
     with pytest.raises(ValidationError, match=r"rates\.lidar_s"):
         RatesConfig(lidar_s=0.100_000_001)
 

@@ -101,6 +101,14 @@ def test_the_same_seed_gives_the_same_bits_in_two_processes():
     assert len(hashes) == 1
 
 
+def test_a_run_can_be_stopped_and_is_not_run_twice():
+    simulation = Simulation(load("open"))
+    result = simulation.run(lambda sim_time_s, to_go_m: sim_time_s < 0.5)
+    assert result.outcome == "interrupted" and result.metrics["sim_time_s"] == pytest.approx(0.6)
+    with pytest.raises(RuntimeError, match="runs once"):
+        simulation.run()
+
+
 def test_out_of_time_is_a_timeout():
     result = run("experiment", 0, "time_limit_s=1.0")
     assert result.outcome == "timeout"
@@ -124,7 +132,7 @@ def test_planning_time_is_charged_to_simulated_time():
 
 def test_a_blind_robot_is_stopped_by_the_referee_or_stops_itself(monkeypatch):
     """With a planner that always goes straight the monitor holds the robot before the obstacle."""
-    from simloop import robot as robot_module
+    from simloop import widths
 
     class Straight:
         name = "straight"
@@ -134,7 +142,7 @@ def test_a_blind_robot_is_stopped_by_the_referee_or_stops_itself(monkeypatch):
             length = float(np.hypot(*(points[1] - points[0])))
             return Plan(world.t_ns, points, length, length, 0.0, False, 1, 0, self.name, reason)
 
-    monkeypatch.setattr(robot_module, "make_planner", lambda *_: Straight())
+    monkeypatch.setattr(widths, "make_planner", lambda *_: Straight())
     tape = Tape()
     result = run("experiment", 0, "time_limit_s=20.0", listeners=[tape.offer])
     assert result.outcome in ("timeout", "stuck")

@@ -69,7 +69,7 @@ def test_no_stage_draws_from_anothers_chance():
     np.testing.assert_array_equal(*ranges)
     # And no two draw the same numbers.
     one = Simulation(load("open"))
-    generators = (one._imu._rng, one._lidar._rng, one.robot._rng)
+    generators = (one._imu._rng, one._lidar._rng, one.robot._planner._rng)
     assert len({g.bit_generator.seed_seq.spawn_key for g in generators}) == 3
 
 
