@@ -22,7 +22,7 @@ from numba import njit
 from simloop.messages import FloatArray
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def outlet_gain(u: float) -> float:
     """g(u) = u (1 - exp -u) / (u - 1 + exp -u): 2 for pure transport, 1 where all is saturated."""
     if u < 1e-3:
@@ -33,7 +33,7 @@ def outlet_gain(u: float) -> float:
     return u * (1.0 - falls) / (u - 1.0 + falls)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def advance_cell(
     mean: FloatArray,
     outlet: FloatArray,
@@ -68,7 +68,7 @@ def advance_cell(
         outlet[1] *= scale
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def cell_force(
     mean: FloatArray, rate: FloatArray, modulus: float, damping: float, most: float
 ) -> tuple[float, float]:

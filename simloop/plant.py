@@ -27,6 +27,8 @@ from simloop.tracks import (
     ContactArrays,
     Geoms,
     TrackState,
+    as_block,
+    state_block,
     track_parameters,
     zone_rows,
 )
@@ -179,13 +181,16 @@ class Plant:
         self._dt_ns = round(config.rates.physics_s * 1e9)
         wheels = road_wheels(model)
         x = model.geom_pos[wheels, 0]
-        self._parameters = track_parameters(
-            config.tracks,
-            config.motor,
-            config.vehicle,
-            config.rates.physics_s,
-            0.5 * float(x[0] - x[len(x) // 2 - 1]) / (len(x) // 2 - 1),
+        self._parameters = as_block(
+            track_parameters(
+                config.tracks,
+                config.motor,
+                config.vehicle,
+                config.rates.physics_s,
+                0.5 * float(x[0] - x[len(x) // 2 - 1]) / (len(x) // 2 - 1),
+            )
         )
+        self._radius_m = config.vehicle.sprocket_radius_m
         self._zones = zone_rows(config.tracks.zones)
         joints = [model.joint(f"sprocket_{side}_joint") for side in ("left", "right")]
         self._sprocket_dof = np.array([j.dofadr[0] for j in joints], np.int64)
@@ -194,7 +199,8 @@ class Plant:
         self._base = model.body("base_link").id
         self._qpos, self._qvel = self.data.qpos, self.data.qvel  # views that stay
         self._period_s = config.rates.control_s
-        self._state = TrackState.zeros(len(wheels))
+        self._block = state_block(len(wheels))
+        self._state = TrackState.within(self._block)
         self._voltage = np.zeros(2)
         self._braked = False
         self._body = BodyArrays(
@@ -301,7 +307,7 @@ class Plant:
             self._voltage,
             self._braked,
             self._body,
-            self._state,
+            self._block,
             self._parameters,
         )
         mujoco.mj_step(self.model, self.data)
@@ -344,7 +350,7 @@ class Plant:
     def track_truth(self) -> TrackTruth:
         """What the tracks do now. Their centres of rotation: Martinez et al. 2005."""
         velocity = self.truth(self._qvel[:3]).velocity_body
-        belts = self._parameters.radius * self._qvel[self._sprocket_dof]
+        belts = self._radius_m * self._qvel[self._sprocket_dof]
         icr = np.full(3, np.nan)
         if abs(velocity[5]) > _TURNING_RADPS:
             icr[:2] = (velocity[0] - belts) / velocity[5]

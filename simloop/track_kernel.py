@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from simloop.brush import advance_cell, cell_force
 from simloop.messages import FloatArray
@@ -21,8 +22,8 @@ from simloop.tracks import (
     BodyArrays,
     ContactArrays,
     Geoms,
+    Record,
     TrackParameters,
-    TrackState,
     friction_at,
     motor_current,
 )
@@ -31,14 +32,14 @@ _SAME_SURFACE = 0.9  # cosine between a patch's normals in two steps
 _ON_ITS_SIDE = 0.7  # part of the normal along the axle beyond which no belt touches
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _cross(ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> Any:
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _patch_of(
-    state: TrackState, touched: FloatArray, wheel: int, body: int, nx: float, ny: float, nz: float
+    state: Record, touched: FloatArray, wheel: int, body: int, nx: float, ny: float, nz: float
 ) -> int:
     """The patch of a wheel for a contact with this body and normal (in base_link)."""
     best, free, likest = -1, -1, -2.0
@@ -63,9 +64,9 @@ def _patch_of(
     return best
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _gather(
-    contacts: ContactArrays, geoms: Geoms, body: BodyArrays, state: TrackState, touched: FloatArray
+    contacts: ContactArrays, geoms: Geoms, body: BodyArrays, state: Record, touched: FloatArray
 ) -> None:
     """Sum the contacts into patches: touched (wheels, patches, 7) load, and p and n times it."""
     rot = body.rotation
@@ -101,10 +102,10 @@ def _gather(
         row[6] += load * nz
 
 
-@njit(cache=True)
-def _forget_and_rank(state: TrackState, touched: FloatArray) -> None:
+@njit(cache=True, error_model="numpy")
+def _forget_and_rank(state: Record, touched: FloatArray) -> None:
     """Belt that touches nothing is unstrained; of a wheel's patches the most loaded leads on."""
-    for wheel in range(touched.shape[0]):
+    for wheel in range(state.wheels):
         state.main[wheel] = -1
         most = 0.0
         for s in range(PATCHES):
@@ -118,7 +119,7 @@ def _forget_and_rank(state: TrackState, touched: FloatArray) -> None:
                 state.main[wheel] = s
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _push(body: BodyArrays, number: int, point: Any, force: Any, sign: float) -> None:
     px, py, pz = point
     fx, fy, fz = sign * force[0], sign * force[1], sign * force[2]
@@ -132,7 +133,7 @@ def _push(body: BodyArrays, number: int, point: Any, force: Any, sign: float) ->
     wrench[5] += mz
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _velocity(body: BodyArrays, number: int, x: float, y: float, z: float) -> Any:
     """Velocity, m/s, of a body's point, in the world, as of the last step."""
     v, about = body.cvel[number], body.subtree_com[body.root[number]]
@@ -140,7 +141,7 @@ def _velocity(body: BodyArrays, number: int, x: float, y: float, z: float) -> An
     return v[3] + ux, v[4] + uy, v[5] + uz
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _shear_patch(
     row: FloatArray,
     wheel: int,
@@ -150,7 +151,7 @@ def _shear_patch(
     entering: FloatArray,
     belt: float,
     body: BodyArrays,
-    state: TrackState,
+    state: Record,
     p: TrackParameters,
 ) -> Any:
     """Advance a patch's two cells and apply their shear; thrust, N, and slip along it, m/s."""
@@ -164,7 +165,7 @@ def _shear_patch(
     tx, ty, tz = tx / size, ty / size, tz / size
     sx, sy, sz = _cross(nx, ny, nz, tx, ty, tz)
     number = state.body[wheel, s]
-    slip, rate = np.empty(2), np.empty(2)
+    slip, rate = state.sliding, state.rate
     thrust, slipping = 0.0, 0.0
     for step in range(2):
         half = step if belt >= 0.0 else 1 - step  # along the belt's own way over the ground
@@ -192,9 +193,9 @@ def _shear_patch(
     return thrust, slipping
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _account(
-    spin: Any, geoms: Geoms, body: BodyArrays, state: TrackState, p: TrackParameters
+    spin: Any, geoms: Geoms, body: BodyArrays, state: Record, p: TrackParameters
 ) -> None:
     """Add the last step's work, J: its forces times the mean of the velocities before and after.
 
@@ -226,7 +227,7 @@ def _account(
     state.work[1] += shear * p.dt
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _drive(
     side: int,
     track_load: float,
@@ -234,7 +235,7 @@ def _drive(
     braked: bool,
     geoms: Geoms,
     body: BodyArrays,
-    state: TrackState,
+    state: Record,
     p: TrackParameters,
 ) -> None:
     """The motor's torque, the belt's reaction and the friction on one sprocket's joint."""
@@ -247,7 +248,7 @@ def _drive(
     body.joint_friction[dof] = friction + (p.brake_torque if braked else 0.0)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def apply_tracks(
     contacts: ContactArrays,
     geoms: Geoms,
@@ -255,29 +256,32 @@ def apply_tracks(
     voltage: FloatArray,
     braked: bool,
     body: BodyArrays,
-    state: TrackState,
-    p: TrackParameters,
+    block: NDArray[np.void],
+    constants: NDArray[np.void],
 ) -> None:
     """Write one step's shear forces, sprocket reactions and motor torques into ``body``.
 
-    zones: see ``zone_rows``. voltage: (2,) left, right.
+    zones: see ``zone_rows``. voltage: (2,) left, right. block: (1,) a `TrackState` and more;
+    constants: (1,) the `TrackParameters`.
     """
+    state, p = block[0], constants[0]
     rot, vel = body.rotation, body.velocity
     spin = (
         rot[0] * vel[3] + rot[1] * vel[4] + rot[2] * vel[5],
         rot[3] * vel[3] + rot[4] * vel[4] + rot[5] * vel[5],
         rot[6] * vel[3] + rot[7] * vel[4] + rot[8] * vel[5],
     )
-    wheels = state.load.shape[0]
+    wheels = state.wheels
     a_side = wheels // 2
     _account(spin, geoms, body, state, p)
     body.wrench[:] = 0.0
     state.load[:] = 0.0
     state.touching[0] = 0
-    touched = np.zeros((wheels, PATCHES, 7))
+    touched = state.touched
+    touched[:wheels] = 0.0
     _gather(contacts, geoms, body, state, touched)
     _forget_and_rank(state, touched)
-    entering = np.empty(2)
+    entering = state.entering
     for side in range(2):
         belt = p.radius * vel[geoms.sprocket_dof[side]]
         thrust, slipping, track_load = 0.0, 0.0, 0.0

@@ -17,7 +17,7 @@ the rolling resistance of the loaded track is added, and the holding brake where
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -30,6 +30,33 @@ from simloop.messages import FloatArray
 GROUND, OBSTACLE, HULL, WHEEL = 0, 1, 2, 3
 PATCHES = 3
 """Surfaces that one road wheel can touch at a time."""
+Record = Any
+"""A row of a structured array, as kernels see it: fields by name."""
+MOST_WHEELS = 32
+"""Road wheels of both sides together, at most."""
+# A kernel's argument costs its way through the interpreter, a hundred of them a tick: so all that
+# is the tracks' own lies in one block, of a size that does not depend on the vehicle.
+STATE_BLOCK = np.dtype(
+    [
+        ("mean", np.float64, (MOST_WHEELS, PATCHES, 2, 2)),
+        ("outlet", np.float64, (MOST_WHEELS, PATCHES, 2, 2)),
+        ("normal", np.float64, (MOST_WHEELS, PATCHES, 3)),
+        ("body", np.int64, (MOST_WHEELS, PATCHES)),
+        ("main", np.int64, (MOST_WHEELS,)),
+        ("load", np.float64, (MOST_WHEELS,)),
+        ("current", np.float64, (2,)),
+        ("track_force", np.float64, (2,)),
+        ("slip", np.float64, (2,)),
+        ("work", np.float64, (4,)),
+        ("last", np.float64, (8,)),
+        ("touching", np.int64, (1,)),
+        ("touched", np.float64, (MOST_WHEELS, PATCHES, 7)),
+        ("entering", np.float64, (2,)),
+        ("sliding", np.float64, (2,)),
+        ("rate", np.float64, (2,)),
+        ("wheels", np.int64),
+    ]
+)
 
 
 class TrackParameters(NamedTuple):
@@ -51,7 +78,8 @@ class TrackParameters(NamedTuple):
 
 
 class TrackState(NamedTuple):
-    """What the kernel keeps and tells, preallocated; wheels front to rear, left before right.
+    """What the kernel keeps and tells, as views into a block (see `STATE_BLOCK`, whose further
+    fields are the kernel's scratch); wheels front to rear, left before right.
 
     mean, outlet: (wheels, patches, 2, 2) m, each patch's front and rear cell, along and across.
     normal: (wheels, patches, 3) of the patches in base_link, 0 where none is; body: (wheels,
@@ -77,22 +105,27 @@ class TrackState(NamedTuple):
     touching: NDArray[np.int64]
 
     @classmethod
-    def zeros(cls, wheels: int) -> TrackState:
-        """wheels: on both sides together."""
-        return cls(
-            np.zeros((wheels, PATCHES, 2, 2)),
-            np.zeros((wheels, PATCHES, 2, 2)),
-            np.zeros((wheels, PATCHES, 3)),
-            np.zeros((wheels, PATCHES), np.int64),
-            np.full(wheels, -1, np.int64),
-            np.zeros(wheels),
-            np.zeros(2),
-            np.zeros(2),
-            np.zeros(2),
-            np.zeros(4),
-            np.zeros(8),
-            np.zeros(1, np.int64),
-        )
+    def within(cls, block: NDArray[np.void]) -> TrackState:
+        """The views into a block (1,)."""
+        wheels = int(block["wheels"][0])
+        fields = {name: block[name][0] for name in cls._fields}
+        cut = {name: f[:wheels] if len(f) == MOST_WHEELS else f for name, f in fields.items()}
+        return cls(**cut)
+
+
+def state_block(wheels: int) -> NDArray[np.void]:
+    """(1,) of `STATE_BLOCK`, at rest in the air; wheels: on both sides together."""
+    if wheels > MOST_WHEELS:
+        raise ValueError(f"{wheels} road wheels; no more than {MOST_WHEELS} are provided for")
+    block = np.zeros(1, STATE_BLOCK)
+    block["wheels"], block["main"] = wheels, -1
+    return block
+
+
+def as_block(values: tuple[float, ...]) -> NDArray[np.void]:
+    """(1,) with the fields of a named tuple of floats."""
+    kind = np.dtype([(name, np.float64) for name in values._fields])  # type: ignore[attr-defined]
+    return np.array([tuple(values)], kind)
 
 
 class ContactArrays(NamedTuple):

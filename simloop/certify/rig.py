@@ -78,7 +78,7 @@ class Rig:
 
     def config(self, friction: float) -> Config:
         """The settings of this rig's plant."""
-        motor = MotorConfig(resistance_ohm=1e9) if self.open_circuit else MotorConfig()
+        motor = MotorConfig(resistance_ohm=1e6) if self.open_circuit else MotorConfig()
         return Config(
             motor=motor,
             rates=RatesConfig(physics_s=self.step_s),
