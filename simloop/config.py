@@ -281,7 +281,7 @@ class TrackerConfig:
     goal_margin_m: Positive = 0.03
     angle_gain_v_per_rad: NonNegative = 20.0
     angle_error_limit_rad: Positive = 0.3
-    monitor_margin_m: NonNegative = 0.01
+    monitor_margin_m: NonNegative = 0.012
     monitor_reaction_s: NonNegative = 0.15
     stuck_s: Positive = 1.0
     back_off_m: Positive = 0.25
