@@ -125,7 +125,7 @@ SHAPES = {
 }
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     kind=st.sampled_from(sorted(SHAPES)),
     turn=st.sampled_from([(0, 0), (90, 0), (0, 90), (180, 0), (25, 0), (30, 50), (0, 70)]),

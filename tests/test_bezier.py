@@ -48,7 +48,7 @@ turns = st.floats(-2.2, 2.2).filter(lambda turn: abs(turn) > 0.05)
 
 
 @given(turns, st.floats(0.05, 1.0))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_a_corner_joins_with_equal_tangent_and_curvature(turn, cut):
     corner = np.zeros(2)
     a, b = np.array([-2.0, 0.0]), 2.0 * np.array([math.cos(turn), math.sin(turn)])
@@ -65,7 +65,7 @@ def test_a_corner_joins_with_equal_tangent_and_curvature(turn, cut):
 
 
 @given(st.lists(st.tuples(st.floats(0.4, 1.2), st.floats(-1.2, 1.2)), min_size=2, max_size=5))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_yaw_and_curvature_are_those_of_the_points(legs):
     points, heading = [np.array([-2.5, 0.0])], 0.0
     for length, turn in legs:
@@ -124,7 +124,7 @@ def test_a_lead_in_that_would_come_too_near_is_not_taken():
 
 
 @given(st.integers(0, 10_000))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_the_band_never_costs_more_and_keeps_the_clearance_that_the_plan_has(seed):
     rng = np.random.default_rng(seed)
     view = view_of([(*rng.uniform(-2.0, 2.0, 2), rng.uniform(0.1, 0.3)) for _ in range(6)])

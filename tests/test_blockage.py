@@ -17,7 +17,7 @@ def path_along_x():
 
 
 @given(st.floats(-1, 4), st.floats(-1, 1), st.integers(0, 140))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_what_stands_in_the_way_is_what_comes_too_near_to_the_discs(x, y, first):
     xy, yaw, clearance = path_along_x()
     offsets = np.array([-0.16, 0.0, 0.16])
@@ -31,7 +31,7 @@ def test_what_stands_in_the_way_is_what_comes_too_near_to_the_discs(x, y, first)
 
 
 @given(seeds, st.integers(0, 30))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_the_discs_ride_along_the_paths_own_heading(seed, first):
     """A winding path, discs that are not even about its middle, and what was planned: all count."""
     rng = np.random.default_rng(seed)

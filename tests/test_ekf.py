@@ -50,21 +50,21 @@ def finite_difference(function, x, h=1e-6):
 
 
 @given(states, st.floats(-1, 1))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_motion_jacobian(x, accel):
     numeric = finite_difference(lambda s: motion(s, accel, DT), x)
     np.testing.assert_allclose(motion_jacobian(x, accel, DT), numeric, atol=1e-7)
 
 
 @given(states)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_wheels_and_gyro_jacobian(x):
     numeric = finite_difference(lambda s: wheels_and_gyro(s, GAUGE_M), x)
     np.testing.assert_allclose(wheels_and_gyro_jacobian(x, GAUGE_M), numeric, atol=1e-7)
 
 
 @given(states)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_process_noise_is_a_covariance(x):
     noise = motion_noise(x, DT, np.array([0.6, 1.0, 0.01, 2e-5, 0.01]))
     np.testing.assert_array_equal(noise, noise.T)
@@ -79,7 +79,7 @@ def test_process_noise_is_a_covariance(x):
     st.sampled_from([1e-6, 1e-4]),
     st.sampled_from([1e-9, 18.0, 1e9]),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_the_compiled_step_is_filterpys_predict_and_update(x, seed, accel, z, wheel_var, gate):
     """The oracle is the base class itself, fed with the same models, one matrix at a time."""
     root = np.random.default_rng(seed).normal(size=(7, 7)) * [0.1, 0.1, 0.05, 0.1, 0.2, 1e-3, 0.1]

@@ -40,7 +40,7 @@ def scipys(field):
 
 
 @given(seed=seeds, u=st.floats(-0.2, 1.2), v=st.floats(-0.2, 1.2))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_a_distance_is_bilinear_between_the_cells_centres_and_free_beyond(seed, u, v):
     field = random_field(np.random.default_rng(seed))
     x = field.x0 + u * 13 * field.resolution
@@ -50,7 +50,7 @@ def test_a_distance_is_bilinear_between_the_cells_centres_and_free_beyond(seed, 
 
 
 @given(seed=seeds, yaw=st.floats(-4, 4))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_a_footprint_is_as_clear_as_the_worst_of_its_discs(seed, yaw):
     rng = np.random.default_rng(seed)
     field = random_field(rng)
@@ -70,7 +70,7 @@ def test_a_views_field_lies_where_its_cells_are():
 
 
 @given(seed=seeds)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_discs_cover_every_corner_of_what_is_occupied_and_little_else(seed):
     rng = np.random.default_rng(seed)
     blobs = ndimage.gaussian_filter(rng.normal(size=(45, 70)), rng.uniform(0.5, 2.5))
@@ -118,7 +118,7 @@ def test_a_cells_distance_is_that_of_its_centre_to_the_place_of_its_label():
 
 
 @given(seed=seeds)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_the_search_takes_the_first_of_the_likeliest_poses(seed):
     rng = np.random.default_rng(seed)
     likelihood = rng.uniform(0, 1, (12, 19)).astype(np.float32)
@@ -138,7 +138,7 @@ def test_the_search_takes_the_first_of_the_likeliest_poses(seed):
 
 
 @given(seed=seeds, rays=st.integers(1, 40))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_each_beam_is_placed_from_the_pose_of_its_own_instant(seed, rays):
     """Straight motion with an even turn between the trail's poses; the mount may be anywhere."""
     rng = np.random.default_rng(seed)

@@ -59,7 +59,7 @@ def beside(path, rng, count=4):
 
 
 @given(seed=seeds, points=st.integers(3, 9))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_the_coded_path_itself_comes_back(seed, points):
     rng = np.random.default_rng(seed)
     path = zigzag(rng, points)
@@ -70,7 +70,7 @@ def test_the_coded_path_itself_comes_back(seed, points):
 
 
 @given(seed=seeds, points=st.integers(3, 9))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_each_line_is_turned_and_shifted_as_its_subject_says(seed, points):
     """Segment i has the coded heading + swing and passes centre - (radius + offset) normal."""
     rng = np.random.default_rng(seed)
@@ -137,7 +137,7 @@ def test_lines_that_meet_in_the_wrong_order_or_outside_make_no_path():
 
 
 @given(seed=seeds, points=st.integers(2, 6))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_what_no_path_of_the_corridor_comes_near_can_be_left_out(seed, points):
     rng = np.random.default_rng(seed)
     path = zigzag(rng, points)

@@ -45,7 +45,7 @@ def test_it_slows_before_an_obstacle_and_stops_at_it():
 
 
 @given(st.floats(0.05, 0.45), st.floats(0.02, 0.6))
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 def test_the_allowed_speed_can_be_braked_away_before_the_obstacle(asked, gap):
     config = TrackerConfig()
     allowed, _ = monitor_seeing((HALF_LENGTH + gap, 0.0)).allow(asked, 0.0, ORIGIN)
@@ -53,7 +53,7 @@ def test_the_allowed_speed_can_be_braked_away_before_the_obstacle(asked, gap):
 
 
 @given(st.floats(0.05, 0.45), st.floats(0.02, 0.2))
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 def test_the_allowed_speed_leaves_time_to_react_before_braking(asked, gap):
     config = TrackerConfig()
     allowed, _ = monitor_seeing((HALF_LENGTH + gap, 0.0)).allow(asked, 0.0, ORIGIN)
@@ -92,7 +92,7 @@ def test_points_move_with_the_robot_between_scans():
 
 
 @given(*[st.floats(-3, 3)] * 6)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_points_in_another_frame(px, py, pyaw, sx, sy, syaw):
     points = np.array([[0.3, -0.2], [1.0, 2.0]])
     got = points_in(np.array([px, py, pyaw]), np.array([sx, sy, syaw]), points)
@@ -107,7 +107,7 @@ def test_points_in_another_frame(px, py, pyaw, sx, sy, syaw):
 
 
 @given(st.floats(-1, 1), st.floats(-1, 1))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_rectangle_distance_against_samples_of_its_edge(x, y):
     t = np.linspace(-1, 1, 801)
     edge = np.concatenate(

@@ -58,7 +58,7 @@ def bilinear(view: WorldView):
     return value
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(seed=seeds, overhang=st.sampled_from([0.0, 0.16]), field=st.booleans())
 def test_a_segments_clearance_is_that_of_its_worst_point(seed, overhang, field):
     rng = np.random.default_rng(seed)
@@ -82,7 +82,7 @@ def test_a_segments_clearance_is_that_of_its_worst_point(seed, overhang, field):
         assert truth - 1e-3 < found <= truth + 1e-9
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(seed=seeds, points=st.integers(2, 12))
 def test_length_turning_and_penalty_add_up(seed, points):
     rng = np.random.default_rng(seed)
@@ -135,7 +135,7 @@ def test_a_start_too_close_is_allowed_to_leave_but_not_to_stay():
 
 
 @given(seed=seeds, yaw=st.floats(-7.0, 7.0))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_the_turn_at_the_start_is_from_the_robots_heading_to_the_first_leg(seed, yaw):
     path = np.random.default_rng(seed).uniform(0.0, 5.0, (4, 2))
     path[1] = path[0]  # a leg without length has no heading

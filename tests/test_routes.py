@@ -58,7 +58,7 @@ def nodes_of(lattice):
 
 
 @given(seed=seeds, field=st.booleans())
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_a_node_weighs_what_its_clearance_says(seed, field):
     rng = np.random.default_rng(seed)
     if field:
@@ -133,7 +133,7 @@ def two_waves(lattice):
 
 
 @given(seed=seeds)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_both_waves_are_dijkstras(seed):
     lattice = random_lattice(seed)
     source, target, ahead, to_goal, _, behind, from_start, _, far = two_waves(lattice)
@@ -165,7 +165,7 @@ def windings(chain, other, points):
 
 
 @given(seed=seeds)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_a_signature_tells_on_which_side_each_blocked_region_is_passed(seed):
     """Two ways have one signature where the loop that they make goes round no blocked region."""
     lattice = random_lattice(seed)
@@ -192,7 +192,7 @@ def test_a_signature_tells_on_which_side_each_blocked_region_is_passed(seed):
 
 
 @given(seed=seeds, most=st.integers(1, 12))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_the_shortest_way_of_each_of_the_shortest_signatures(seed, most):
     _, _, ahead, _, code_ahead, behind, _, code_behind, far = two_waves(random_lattice(seed))
     vias = _shortest_classes(ahead, behind, code_ahead, code_behind, far, most)

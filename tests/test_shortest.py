@@ -142,7 +142,7 @@ ENDS = st.tuples(st.floats(-4, 4), st.floats(-4, 4))
 
 
 @given(SHAPES, ENDS, ENDS)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_every_path_is_safe_connected_and_the_same_both_ways(sections, start, goal):
     plan, way = solve(sections, start, goal, 0.25)
     if way is None:
@@ -160,7 +160,7 @@ def test_every_path_is_safe_connected_and_the_same_both_ways(sections, start, go
 
 
 @given(SHAPES, ENDS, ENDS)
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_an_obstacle_more_never_shortens_the_way(sections, start, goal):
     more = solve(sections, start, goal, 0.25)[1]
     less = solve(sections[:-1], start, goal, 0.25)[1]

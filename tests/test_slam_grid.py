@@ -128,7 +128,7 @@ def cells_of(points, pose, corner):
 
 
 @given(seeds)
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_tracing_a_scan_is_what_the_plain_twin_does(seed):
     rng = np.random.default_rng(seed)
     shape, x0, y0 = (64, 80), -1.9, -1.6
@@ -163,7 +163,7 @@ def test_tracing_a_scan_is_what_the_plain_twin_does(seed):
 
 
 @given(seeds)
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_bounds_of_placed_points(seed):
     rng = np.random.default_rng(seed)
     points, pose = rng.normal(size=(20, 2)), rng.normal(size=3)

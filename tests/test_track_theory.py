@@ -27,7 +27,6 @@ def test_spin_ratios_are_those_of_the_table(ratio, chi):
 
 
 @given(st.floats(0.005, 2.0), lengths)
-@settings(deadline=None)
 def test_spin_thrust_and_moment_are_their_integrals(a, length):
     thrust, moment = theory.spin_thrust_and_moment(a, length)
     half = length / 2
@@ -50,7 +49,6 @@ def test_supports_tend_to_the_belt():
 
 
 @given(st.floats(1e-5, 0.9), st.floats(1e-4, 0.05))
-@settings(deadline=None)
 def test_drawbar_is_the_mean_of_the_shear_curve(slip, modulus):
     # In the variable j / K the whole curve is smooth, however steep it is along the belt.
     reach = slip * LENGTH / modulus
@@ -75,7 +73,6 @@ def test_drawbar_is_odd_and_small_slips_are_elastic():
 
 
 @given(st.floats(0.01, 2.0), st.integers(1, 40))
-@settings(deadline=None)
 def test_the_brush_is_the_shear_curve_with_any_number_of_cells(slip, count):
     """Under an even slip the cells' mean is the belt's, exactly: few cells lose nothing."""
     rows = np.tile([-0.3 * slip, 0.0], (count, 1))
@@ -101,7 +98,7 @@ def test_the_brush_solves_its_differential_equation():
 
 
 @given(st.floats(0.7, 2.5), frictions, st.floats(0.05, 0.5))
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 def test_a_turn_on_the_spot_is_a_steady_turn(ratio, friction, speed):
     cells = theory.Cells.even(WEIGHT, ratio * GAUGE, GAUGE, 400)
     v_x, v_y, yaw_rate = theory.steady_turn((-speed, speed), cells, friction)
@@ -164,7 +161,6 @@ def test_locked_tracks_hold_up_to_the_friction_angle():
 
 
 @given(st.floats(0.1, 0.9))
-@settings(deadline=None)
 def test_a_symmetric_vehicle_climbs_to_twice_the_friction_angle(friction):
     """Equal levers, forces' heights negligible: t = 2 atan(mu), a classical result."""
     height = theory.climbable_step(friction, 1e-6, 1.0, 1.0, 0.0)
