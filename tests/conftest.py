@@ -1,5 +1,6 @@
-"""Property tests draw the same examples each time, so that a red test is a change's own; soak with
-HYPOTHESIS_PROFILE=soak, which draws anew and much more."""
+"""Property tests draw the same examples each time, so that a red test is a change's own, and have
+no deadline, as a first call compiles. HYPOTHESIS_PROFILE=soak draws anew, and more of them where a
+test does not say how many."""
 
 import os
 

@@ -73,7 +73,7 @@ def test_the_outlets_gain_is_that_of_the_exponential(u):
 
 @given(
     st.floats(-3e-3, 3e-3), st.floats(-3e-3, 3e-3), st.floats(-2, 2), st.floats(-2, 2),
-    st.floats(0, 100, allow_subnormal=False),
+    st.floats(0, 100, allow_subnormal=False),  # a subnormal has not the digits that are asked for
 )  # fmt: skip
 def test_no_cell_gives_more_than_friction_allows(m_x, m_y, r_x, r_y, most):
     force = cell_force(np.array([m_x, m_y]), np.array([r_x, r_y]), MODULUS, 0.01, most)

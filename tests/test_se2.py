@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from simloop import se2
 from simloop.messages import FloatArray
 
-_unhurried = settings(deadline=None)  # the first call compiles
 _METRES = st.floats(-50.0, 50.0)
 _ANGLES = st.floats(-20.0, 20.0)
 _POSES = st.tuples(_METRES, _METRES, _ANGLES).map(lambda pose: np.array(pose))
@@ -23,7 +22,6 @@ def _matrix(pose: FloatArray) -> FloatArray:
     return np.array([[cos, -sin, pose[0]], [sin, cos, pose[1]], [0.0, 0.0, 1.0]])
 
 
-@_unhurried
 @given(st.floats(-1e6, 1e6))
 def test_wrap_angle_is_in_range_and_congruent(angle: float) -> None:
     wrapped = se2.wrap_angle(angle)
@@ -45,25 +43,21 @@ def test_wrap_angle_at_the_seam() -> None:
     ]
 
 
-@_unhurried
 @given(_POSES, _POSES)
 def test_compose_is_the_matrix_product(a: FloatArray, b: FloatArray) -> None:
     np.testing.assert_allclose(_matrix(se2.compose(a, b)), _matrix(a) @ _matrix(b), atol=1e-11)
 
 
-@_unhurried
 @given(_POSES)
 def test_inverse_is_the_matrix_inverse(pose: FloatArray) -> None:
     np.testing.assert_allclose(_matrix(se2.inverse(pose)) @ _matrix(pose), np.eye(3), atol=1e-11)
 
 
-@_unhurried
 @given(_POSES, _POSES)
 def test_between_leads_from_one_to_the_other(a: FloatArray, b: FloatArray) -> None:
     np.testing.assert_allclose(_matrix(se2.compose(a, se2.between(a, b))), _matrix(b), atol=1e-10)
 
 
-@_unhurried
 @given(_POSES, _POSES, st.floats(0.0, 1.0))
 def test_interpolation_takes_the_short_way(a: FloatArray, b: FloatArray, fraction: float) -> None:
     middle = se2.interpolate(a, b, fraction)
@@ -78,7 +72,6 @@ def test_interpolation_across_the_seam() -> None:
     assert abs(se2.interpolate(a, b, 0.5)[2] - math.pi) < 1e-12
 
 
-@_unhurried
 @given(_POSES, st.lists(st.tuples(_METRES, _METRES), min_size=1, max_size=5))
 def test_transform_points(pose: FloatArray, raw: list[tuple[float, float]]) -> None:
     points = np.array(raw)
