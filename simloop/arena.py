@@ -19,10 +19,12 @@ from scipy.spatial import ConvexHull, QhullError
 from simloop.clutter import draw_clutter
 from simloop.config import PayloadConfig
 from simloop.floor_plan import BAND_M, FloorPlan, Section, rasterise
+from simloop.ground import add_loose, add_terrain
 from simloop.messages import FloatArray
 from simloop.obstacles import Obstacle, ellipse_outline
 from simloop.paths import models_dir
 from simloop.shapes import Body, Shape, ShapeKind
+from simloop.terrain import Loose, Terrain
 
 __all__ = [
     "FloorPlan",
@@ -81,8 +83,13 @@ def build(
     obstacles: Sequence[Obstacle] = (),
     timestep_s: float = 0.002,
     payload: PayloadConfig | None = None,
+    terrain: Terrain | None = None,
+    loose: Sequence[Loose] = (),
+    friction: float = 0.6,
 ) -> mujoco.MjModel:
-    """The arena with the vehicle at its origin and further obstacles, compiled.
+    """The arena with the vehicle at its origin, further obstacles and ground, compiled.
+
+    friction: of the tracks, which decides what terrain can be climbed (see ``ground``).
 
     The vehicle's names stay as they are in its own file. Raises ValueError for an unknown arena
     or a file that MuJoCo does not take.
@@ -93,6 +100,9 @@ def build(
         _check_arena(world)
         for number, obstacle in enumerate(obstacles, start=1):
             _add_obstacle(world, f"obstacle_drawn_{number:02d}", obstacle, number)
+        if terrain is not None:
+            add_terrain(world, terrain, friction)
+        add_loose(world, loose)
         if payload is not None:
             add_payload(world, payload)
         _set_options(world, timestep_s)
@@ -118,7 +128,8 @@ def floor_plan(
     """What truly stands in the arena between two heights: all static geoms but planes and floor.
 
     Shapes are exact where they can be (see ``section_of_geom``); resolution_m is that
-    of the raster. Raises ValueError for a height field, which is not supported.
+    of the raster. What is named ``ground_*`` is driven over, and is left out. Raises ValueError
+    for any other height field, which is not supported.
     """
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -127,7 +138,7 @@ def floor_plan(
     sections = []
     for geom in np.flatnonzero(static & solid):
         name = model.geom(geom).name
-        if name != "floor" and model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_PLANE:
+        if name != "floor" and not name.startswith("ground_") and model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_PLANE:
             section = section_of_geom(model, data, int(geom), name, band_m)
             sections += [section] if section is not None else []
     return rasterise(sections, bounds_of(model), resolution_m)
@@ -171,11 +182,17 @@ def scene_bodies(model: mujoco.MjModel) -> list[Body]:
         Body(
             model.body(i).name,
             model.body(model.body_parentid[i]).name,
-            model.body_pos[i].copy(),
-            model.body_quat[i].copy(),
+            np.zeros(3) if is_free(model, i) else model.body_pos[i].copy(),
+            np.array([1.0, 0.0, 0.0, 0.0]) if is_free(model, i) else model.body_quat[i].copy(),
         )
         for i in range(1, model.nbody)
     ]
+
+
+def is_free(model: mujoco.MjModel, body: int) -> bool:
+    """Whether a body hangs on a free joint: its own pose is then all of its joint's."""
+    joint = int(model.body_jntadr[body])
+    return joint >= 0 and bool(model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE)
 
 
 def _with_vehicle(path: Path) -> mujoco.MjSpec:
@@ -190,6 +207,8 @@ def _with_vehicle(path: Path) -> mujoco.MjSpec:
     # The plane and the light by which the vehicle's own file can be opened alone.
     world.delete(world.geom("ground"))
     world.delete(world.light("ground_light"))
+    # It lists the joints of the vehicle alone.
+    world.delete(world.key("home"))
     return world
 
 
@@ -206,11 +225,9 @@ def _check_arena(world: mujoco.MjSpec) -> None:
     vehicle = world.body("base_link")
     joints = {joint.name for joint in vehicle.find_all("joint")}
     geoms = {geom.name for geom in vehicle.find_all("geom")}
-    moving = [joint.name for joint in world.joints if joint.name not in joints]
-    if moving:
-        raise ValueError(
-            f"an arena stands still, but this one has a joint ({moving[0] or 'no name'})"
-        )
+    for joint in world.joints:
+        if joint.name not in joints:
+            _check_loose(joint)
     if world.geom("floor") is None:
         raise ValueError("the arena has no geom named 'floor'")
     for geom in world.geoms:
@@ -218,6 +235,18 @@ def _check_arena(world: mujoco.MjSpec) -> None:
         if geom.name not in geoms and solid and geom.group not in SEEN_GROUPS:
             name = geom.name or "without a name"
             raise ValueError(f"geom {name} is in group {geom.group}, which no LiDAR sees: use 0")
+
+
+def _check_loose(joint: mujoco.MjsJoint) -> None:
+    """An arena stands still, but for whole bodies that are loose, and named so."""
+    body = joint.parent
+    names = [body.name, *(geom.name for geom in body.geoms)]
+    free = joint.type == mujoco.mjtJoint.mjJNT_FREE
+    if not free or not all(name.startswith(("loose_", "obstacle_")) for name in names):
+        raise ValueError(
+            f"an arena stands still, but this one has a joint ({joint.name or 'no name'}): "
+            "only bodies on free joints may move, they and their geoms named loose_* or obstacle_*"
+        )
 
 
 def _set_options(world: mujoco.MjSpec, timestep_s: float) -> None:

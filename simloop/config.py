@@ -78,14 +78,37 @@ class FrictionZone:
 
 
 @dataclass(frozen=True, slots=True, config=_STRICT)
+class FrictionImage:
+    """A grey image laid over min_m to max_m (x, y in map), its upper edge at the largest y.
+
+    file: PNG, relative to the scenario's file. black, white: the friction of these two, greys
+    between them in proportion. Each place has its nearest pixel's friction.
+    """
+
+    file: str
+    min_m: tuple[float, float]
+    max_m: tuple[float, float]
+    black: Friction
+    white: Friction
+
+    @model_validator(mode="after")
+    def _has_area(self) -> FrictionImage:
+        if not (self.min_m[0] < self.max_m[0] and self.min_m[1] < self.max_m[1]):
+            raise _reject("tracks.friction_image: min_m must be below max_m in x and in y")
+        return self
+
+
+@dataclass(frozen=True, slots=True, config=_STRICT)
 class TracksConfig:
     """Track-ground contact: isotropic Coulomb friction behind a shear brush.
 
-    zones: where the ground's friction is another; where they overlap the last one holds.
+    zones: where the ground's friction is another; where they overlap the last one holds. They lie
+    over friction_image, and that over ``friction``.
     """
 
     friction: Friction = 0.6
     zones: tuple[FrictionZone, ...] = ()
+    friction_image: FrictionImage | None = None
     shear_modulus_m: Positive = 0.001
     shear_damping_s: NonNegative = 0.01
     rolling_resistance: Annotated[float, Field(ge=0.0, le=0.5)] = 0.02
@@ -117,7 +140,6 @@ class VehicleConfig:
     """
 
     gauge_m: Length = 0.39
-    contact_length_m: Length = 0.415
     sprocket_radius_m: Length = 0.037
     length_m: Length = 0.49
     width_m: Length = 0.465

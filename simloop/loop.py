@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from simloop.messages import Message, Truth
+from simloop.messages import LidarScan, Message, Truth
 from simloop.metrics import RunMetrics
 from simloop.plant import Plant
 from simloop.profiler import Profiler
@@ -101,7 +101,7 @@ class Simulation:
                 scan = self._sweep(before, truth, self.plant)
                 command = self.robot.step(encoders, imu, scan)
                 voltage = command.voltage_v
-                heard = (scan, self.plant.track_truth()) if scan else ()
+                heard = self._heard(scan)
                 self._publish([truth, encoders, imu, *heard, command])
                 self._publish(self.robot.said)
                 outcome, ticks = self._outcome(truth), ticks + 1
@@ -109,6 +109,13 @@ class Simulation:
                     goes_on = progress(truth.t_ns * 1e-9, self._distance(truth))
                     outcome = "" if goes_on else "interrupted"
         return self._result(outcome, time.perf_counter() - began)
+
+    def _heard(self, scan: LidarScan | None) -> list[Message]:
+        """What comes with each whole turn of the LiDAR, and the truth to hold against it."""
+        if scan is None:
+            return []
+        loose = self.plant.loose_truth()
+        return [scan, self.plant.track_truth(), *([] if loose is None else [loose])]
 
     def _result(self, outcome: str, wall_time_s: float) -> RunResult:
         metrics = self.metrics.result(

@@ -88,6 +88,19 @@ class TrackTruth(_Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class LooseTruth(_Message):
+    """Where loose things truly are; bodies: (n,) their names, in the model's order.
+
+    position_m: (n, 3) of their centres in the world; quaternion_wxyz: (n, 4).
+    """
+
+    t_ns: int
+    bodies: tuple[str, ...]
+    position_m: FloatArray
+    quaternion_wxyz: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class EncoderReading(_Message):
     """Cumulative sprocket counts (980 a turn), quantised."""
 

@@ -6,6 +6,7 @@ time, takes motor voltages, and gives truth and ranges to the sensors.
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import math
 
@@ -14,9 +15,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from simloop.arena import SEEN_GROUPS
+from simloop.arena import SEEN_GROUPS, is_free
 from simloop.config import Config
-from simloop.messages import FloatArray, TrackTruth, Truth
+from simloop.messages import FloatArray, LooseTruth, TrackTruth, Truth
 from simloop.track_kernel import apply_tracks
 from simloop.tracks import (
     GROUND,
@@ -28,14 +29,15 @@ from simloop.tracks import (
     Geoms,
     TrackState,
     as_block,
+    friction_map,
     state_block,
     track_parameters,
-    zone_rows,
 )
 
 _GRAVITY_MPS2 = 9.81
 _GRAZING = 0.15  # cosine between a ray and the surface's normal below which it grazes
 _FAR_M = 0.01
+_ABOVE_M = 10.0
 _TURNING_RADPS = 0.02
 
 
@@ -167,6 +169,20 @@ def motion_now(
     return block
 
 
+def _of_its_own(model: mujoco.MjModel, config: Config) -> mujoco.MjModel:
+    """The model with this configuration's step and rotors: a copy, unless it has them already.
+
+    One world may serve several plants at once.
+    """
+    step_s, inertia = config.rates.physics_s, config.motor.rotor_inertia_kgm2
+    dofs = [model.joint(f"sprocket_{side}_joint").dofadr[0] for side in ("left", "right")]
+    if model.opt.timestep != step_s or np.any(model.dof_armature[dofs] != inertia):
+        model = copy.copy(model)
+        model.opt.timestep = step_s
+        model.dof_armature[dofs] = inertia
+    return model
+
+
 class Plant:
     """A vehicle in its arena, stepped with a fixed period.
 
@@ -174,8 +190,7 @@ class Plant:
     """
 
     def __init__(self, model: mujoco.MjModel, config: Config) -> None:
-        self.model = model
-        self.model.opt.timestep = config.rates.physics_s
+        self.model = model = _of_its_own(model, config)
         self.data = mujoco.MjData(model)
         self.substeps = round(config.rates.control_s / config.rates.physics_s)
         self._dt_ns = round(config.rates.physics_s * 1e9)
@@ -191,13 +206,16 @@ class Plant:
             )
         )
         self._radius_m = config.vehicle.sprocket_radius_m
-        self._zones = zone_rows(config.tracks.zones)
+        self._zones = friction_map(config.tracks.zones, config.tracks.friction_image)
         joints = [model.joint(f"sprocket_{side}_joint") for side in ("left", "right")]
-        self._sprocket_dof = np.array([j.dofadr[0] for j in joints], np.int64)
-        self._sprocket_qpos = np.array([j.qposadr[0] for j in joints], np.int64)
+        # Loose things of the arena may come first: all that the kernels see begins at the vehicle.
+        root = model.joint("root")
+        at, dof = int(root.qposadr[0]), int(root.dofadr[0])
+        self._sprocket_dof = np.array([j.dofadr[0] - dof for j in joints], np.int64)
+        self._sprocket_qpos = np.array([j.qposadr[0] - at for j in joints], np.int64)
         self._geoms = Geoms(geom_kinds(model), model.geom_bodyid, self._sprocket_dof)
         self._base = model.body("base_link").id
-        self._qpos, self._qvel = self.data.qpos, self.data.qvel  # views that stay
+        self._qpos, self._qvel = self.data.qpos[at:], self.data.qvel[dof:]  # views that stay
         self._period_s = config.rates.control_s
         self._block = state_block(len(wheels))
         self._state = TrackState.within(self._block)
@@ -206,18 +224,25 @@ class Plant:
         self._body = BodyArrays(
             self.data.xpos[self._base],
             self.data.xmat[self._base],
-            self.data.qvel,
+            self._qvel,
             self.data.xipos,
             self.data.cvel,
             self.data.subtree_com,
             self.data.xfrc_applied,
             model.body_rootid,
             model.body_weldid != 0,
-            self.data.qfrc_applied,
-            self.data.qfrc_constraint,
-            self.model.dof_frictionloss,
+            self.data.qfrc_applied[dof:],
+            self.data.qfrc_constraint[dof:],
+            self.model.dof_frictionloss[dof:],
             self._base,
         )
+        self._loose = [
+            i for i in range(1, model.nbody) if i != self._base and is_free(model, i)
+        ]
+        self._loose_names = tuple(model.body(i).name for i in self._loose)
+        self._terrain = [
+            i for i in range(model.ngeom) if model.geom(i).name.startswith("ground_")
+        ]
         self._ray_groups = np.isin(np.arange(6), SEEN_GROUPS).astype(np.uint8)
         self.t_ns = 0
         self._contacts = 0
@@ -271,8 +296,8 @@ class Plant:
         braked: whether the holding brakes are on from the beginning.
         """
         mujoco.mj_resetData(self.model, self.data)
-        self.data.qpos[:3] = pose[0], pose[1], 0.001
-        self.data.qpos[3:7] = np.cos(pose[2] / 2), 0.0, 0.0, np.sin(pose[2] / 2)
+        self._qpos[:3] = pose[0], pose[1], 0.001 + self._ground_height(pose)
+        self._qpos[3:7] = np.cos(pose[2] / 2), 0.0, 0.0, np.sin(pose[2] / 2)
         for array in self._state:
             array[...] = 0
         self._voltage[:] = 0.0
@@ -284,6 +309,44 @@ class Plant:
         self.data.time = 0.0
         self.t_ns, self._contacts, self._touching = 0, 0, False
         return self.truth(self._qvel[:3].copy())
+
+    def _ground_height(self, pose: FloatArray) -> float:
+        """How high the ground reaches under the road wheels at a pose (3,), m."""
+        if not self._terrain:
+            return 0.0
+        model, data = self.model, self.data
+        mujoco.mj_kinematics(model, data)
+        cos, sin = np.cos(pose[2]), np.sin(pose[2])
+        down, normal, highest = np.array([0.0, 0.0, -1.0]), np.zeros(3), 0.0
+        for wheel in road_wheels(model):
+            x, y = model.geom_pos[wheel, :2]
+            above = np.array([pose[0] + cos * x - sin * y, pose[1] + sin * x + cos * y, _ABOVE_M])
+            for geom in self._terrain:
+                if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_HFIELD:
+                    far = mujoco.mj_rayHfield(model, data, geom, above, down, normal)
+                elif model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
+                    far = mujoco.mj_rayMesh(model, data, geom, above, down, normal)
+                else:
+                    far = mujoco.mju_rayGeom(
+                        data.geom_xpos[geom],
+                        data.geom_xmat[geom],
+                        model.geom_size[geom],
+                        above,
+                        down,
+                        int(model.geom_type[geom]),
+                        normal,
+                    )
+                highest = max(highest, _ABOVE_M - far if far >= 0.0 else 0.0)
+        return highest
+
+    def loose_truth(self) -> LooseTruth | None:
+        """Where the loose things are now; None where there are none."""
+        if not self._loose:
+            return None
+        data = self.data
+        return LooseTruth(
+            self.t_ns, self._loose_names, data.xpos[self._loose], data.xquat[self._loose]
+        )
 
     def step(self, voltage_v: FloatArray) -> Truth:
         """Advance one control period under the motor voltages (2,) left, right."""

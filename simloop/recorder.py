@@ -24,6 +24,7 @@ from simloop.messages import (
     Event,
     FloatArray,
     LidarScan,
+    LooseTruth,
     MapUpdate,
     Message,
     Plan,
@@ -152,6 +153,7 @@ class RerunRecorder:
         self._write_derived(kept[Truth], kept[Estimate], kept[TrackCommand])
         self._write_poses(kept[Truth], kept[Estimate], kept[EncoderReading])
         self._write_scans(kept[LidarScan])
+        self._write_loose(kept[LooseTruth])
         for plan in kept[Plan]:
             self._write_plan(plan)
         for view in kept[WorldView]:
@@ -287,6 +289,13 @@ class RerunRecorder:
         columns = self._rr.Points3D.columns(positions=lifted(np.concatenate(rows), 0.0))
         times = [s.t_ns for s in scans]
         self._send(f"{BASE}/laser/scan", times, columns.partition([len(r) for r in rows]))
+
+    def _write_loose(self, truths: list[LooseTruth]) -> None:
+        for number, name in enumerate(truths[0].bodies if truths else ()):
+            where = np.array([t.position_m[number] for t in truths])
+            turns = np.array([t.quaternion_wxyz[number] for t in truths])[:, [1, 2, 3, 0]]
+            columns = self._rr.Transform3D.columns(translation=where, quaternion=turns)
+            self._send(f"{MAP}/arena/{name}/turned", [t.t_ns for t in truths], columns)
 
     def _write_plan(self, plan: Plan) -> None:
         self._send_strips(f"{MAP}/plan/candidates", [plan.t_ns], [plan.candidates_m], 0.006)

@@ -23,9 +23,10 @@ from pydantic.dataclasses import dataclass
 from pydantic_core import ErrorDetails
 
 from simloop.catalog import arena_files, planner_names, scenario_files
-from simloop.config import Config, Positive
+from simloop.config import Config, Positive, TracksConfig
 from simloop.errors import InputError, did_you_mean
 from simloop.obstacles import Coordinate, Obstacle, Point
+from simloop.terrain import Loose, Terrain
 
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 _BARE_WORD = re.compile(r"[A-Za-z_./][A-Za-z0-9_\-./]*\Z")
@@ -58,6 +59,8 @@ class Scenario:
     goal_tolerance_m: Positive = 0.10
     obstacles: tuple[Obstacle, ...] = ()
     clutter: Clutter | None = None
+    terrain: Terrain | None = None
+    loose: tuple[Loose, ...] = ()
     config: Config = Field(default_factory=Config)
 
 
@@ -76,10 +79,10 @@ def load(
     file = resolve(name_or_path)
     table = read_toml(file)
     table.setdefault("name", file.stem)
-    _place_arena(table, file.parent)
+    _place_files(table, file.parent)
     for text in overrides:
         apply_override(table, text)
-    _place_arena(table, Path.cwd())  # whoever writes it on the command line means it from there
+    _place_files(table, Path.cwd())  # whoever writes it on the command line means it from there
     if seed is not None:
         table["seed"] = seed
     if planner is not None:
@@ -89,11 +92,19 @@ def load(
     return scenario
 
 
-def _place_arena(table: dict[str, Any], folder: Path) -> None:
-    """Make an arena that is given as a file a full path, in place; a full one stays."""
+_FILE_KEYS = (("tracks", "friction_image", "file"), ("terrain", "height_field", "image"))
+
+
+def _place_files(table: dict[str, Any], folder: Path) -> None:
+    """Make an arena that is given as a file, and images, full paths, in place; full ones stay."""
     arena = table.get("arena")
     if isinstance(arena, str) and arena.endswith(".xml"):
         table["arena"] = str((folder / arena).resolve())
+    for section, part, key in _FILE_KEYS:
+        holder = table.get(section)
+        holder = holder.get(part) if isinstance(holder, dict) else None
+        if isinstance(holder, dict) and isinstance(holder.get(key), str):
+            holder[key] = str((folder / holder[key]).resolve())
 
 
 def resolve(name_or_path: str | Path) -> Path:
@@ -276,7 +287,8 @@ def _keys_at(location: Sequence[int | str]) -> list[str]:
     """The keys that a table at this place may have."""
     holder: Any = Scenario
     for part in location:
-        hints = {**typing.get_type_hints(Scenario), **typing.get_type_hints(Config)}
+        holders = (Scenario, Config, Terrain, TracksConfig)
+        hints = {key: hint for one in holders for key, hint in typing.get_type_hints(one).items()}
         holder = _dataclass_in(hints.get(str(part))) if not isinstance(part, int) else holder
     return [field.name for field in fields(holder)] if is_dataclass(holder) else []
 

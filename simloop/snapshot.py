@@ -26,6 +26,7 @@ from simloop.messages import (
     Estimate,
     FloatArray,
     LidarScan,
+    LooseTruth,
     MapUpdate,
     Message,
     Plan,
@@ -55,6 +56,7 @@ class _Moment:
     mode: str
     plans: int
     trail_length: int
+    loose: LooseTruth | None
 
 
 class Snapshots:
@@ -88,6 +90,7 @@ class Snapshots:
         self._take: dict[type, Callable[[Any], None]] = {Truth: self._on_truth}
         for kind in (MapUpdate, WorldView, Plan, SmoothPath, TrackCommand, LidarScan, Estimate):
             self._take[kind] = self._keep
+        self._take[LooseTruth] = self._keep
 
     def offer(self, message: Message) -> None:
         """Take one message; those of no use here are passed over."""
@@ -149,7 +152,7 @@ class Snapshots:
             self._scan_pose,
         )
         mode = "" if command is None else command.mode
-        return _Moment(truth, belief, mode, self._plans, len(self._truths))
+        return _Moment(truth, belief, mode, self._plans, len(self._truths), known.get(LooseTruth))
 
     def _chosen(self) -> list[_Moment]:
         """Evenly spread in time, the first and the last among them, none twice."""
@@ -166,7 +169,7 @@ class Snapshots:
             with _Stage(self._model, _SCENE_PX) as stage:
                 trail = np.array(self._truths)
                 scenes = [
-                    stage.shoot(m.truth, m.belief.path, trail[: m.trail_length], self._goal)
+                    stage.shoot(m.truth, m.belief.path, trail[: m.trail_length], self._goal, m.loose)
                     for m in chosen
                 ]
         except _NoOpenGL as error:
@@ -253,11 +256,21 @@ class _Stage:
         self._gl.free()
 
     def shoot(
-        self, truth: Truth, path: SmoothPath | None, trail_m: FloatArray, goal: FloatArray
+        self,
+        truth: Truth,
+        path: SmoothPath | None,
+        trail_m: FloatArray,
+        goal: FloatArray,
+        loose: LooseTruth | None,
     ) -> Image:
         """(height, width, 3), blue first: the vehicle, its trail, its path and the goal."""
         data, model, (width, height) = self._data, self._model, self._size_px
-        data.qpos[:3], data.qpos[3:7] = truth.position_m, truth.quaternion_wxyz
+        self._place("base_link", truth.position_m, truth.quaternion_wxyz)
+        if loose is not None:
+            for name, at, turn in zip(
+                loose.bodies, loose.position_m, loose.quaternion_wxyz, strict=True
+            ):
+                self._place(name, at, turn)
         for name, angle in zip(("left", "right"), truth.sprocket_rad, strict=True):
             data.qpos[model.joint(f"sprocket_{name}_joint").qposadr[0]] = angle
         mujoco.mj_forward(model, data)
@@ -274,6 +287,13 @@ class _Stage:
         image = np.empty((height, width, 3), np.uint8)
         mujoco.mjr_readPixels(image, None, viewport, self._context)
         return np.ascontiguousarray(image[::-1, :, ::-1])
+
+    def _place(self, body: str, position_m: FloatArray, quaternion_wxyz: FloatArray) -> None:
+        """Set the free joint of a body."""
+        joint = self._model.body(body).jntadr[0]
+        at = self._model.jnt_qposadr[joint]
+        self._data.qpos[at : at + 3] = position_m
+        self._data.qpos[at + 3 : at + 7] = quaternion_wxyz
 
     def _camera(self) -> mujoco.MjvCamera:
         """The arena's own overview, or one from the south that has all of its bounds in view."""

@@ -21,6 +21,7 @@ from simloop.tracks import (
     WHEEL,
     BodyArrays,
     ContactArrays,
+    FrictionMap,
     Geoms,
     Record,
     TrackParameters,
@@ -242,7 +243,9 @@ def _drive(
     dof = geoms.sprocket_dof[side]
     current = motor_current(voltage, body.velocity[dof], p)
     state.current[side] = current
-    state.work[0] += voltage * current * p.dt
+    # Where the driver clips the current it lowers the terminal's voltage to what drives just that.
+    terminal = p.resistance * current + p.back_emf * body.velocity[dof]
+    state.work[0] += terminal * current * p.dt
     body.joint_force[dof] = p.torque_per_a * current - p.radius * state.track_force[side]
     friction = p.gear_friction + p.rolling_resistance * track_load * p.radius
     body.joint_friction[dof] = friction + (p.brake_torque if braked else 0.0)
@@ -252,7 +255,7 @@ def _drive(
 def apply_tracks(
     contacts: ContactArrays,
     geoms: Geoms,
-    zones: FloatArray,
+    zones: FrictionMap,
     voltage: FloatArray,
     braked: bool,
     body: BodyArrays,
@@ -261,7 +264,7 @@ def apply_tracks(
 ) -> None:
     """Write one step's shear forces, sprocket reactions and motor torques into ``body``.
 
-    zones: see ``zone_rows``. voltage: (2,) left, right. block: (1,) a `TrackState` and more;
+    zones: see ``friction_map``. voltage: (2,) left, right. block: (1,) a `TrackState` and more;
     constants: (1,) the `TrackParameters`.
     """
     state, p = block[0], constants[0]

@@ -23,7 +23,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from simloop.config import FrictionZone, MotorConfig, TracksConfig, VehicleConfig
+from simloop.config import FrictionImage, FrictionZone, MotorConfig, TracksConfig, VehicleConfig
+from simloop.images import read_grey
 from simloop.messages import FloatArray
 
 # What a geom is, as the kernel sees it; road wheel i is WHEEL + i.
@@ -196,18 +197,36 @@ def track_parameters(
     )
 
 
-def zone_rows(zones: Sequence[FrictionZone]) -> FloatArray:
-    """(n, 5) x_min, y_min, x_max, y_max, friction of each zone; the last one holds."""
+class FrictionMap(NamedTuple):
+    """zones: (n, 5) x_min, y_min, x_max, y_max, friction; the last one holds, and one whose
+    friction is NaN has that of ``image`` (rows from y_min, columns from x_min) laid over it."""
+
+    zones: FloatArray
+    image: FloatArray
+
+
+def friction_map(zones: Sequence[FrictionZone], image: FrictionImage | None = None) -> FrictionMap:
+    """The ground's friction; the image lies below all zones. Raises InputError if unreadable."""
     rows = [(*zone.min_m, *zone.max_m, zone.friction) for zone in zones]
-    return np.array(rows, dtype=np.float64).reshape(-1, 5)
+    pixels = np.zeros((1, 1))
+    if image is not None:
+        rows.insert(0, (*image.min_m, *image.max_m, np.nan))
+        pixels = image.black + (image.white - image.black) * read_grey(image.file)
+    return FrictionMap(np.array(rows, dtype=np.float64).reshape(-1, 5), pixels)
 
 
 @njit(cache=True)
-def friction_at(x: float, y: float, zones: FloatArray, elsewhere: float) -> float:
+def friction_at(x: float, y: float, ground: FrictionMap, elsewhere: float) -> float:
     """Friction of the ground at a place."""
+    zones, image = ground.zones, ground.image
     for i in range(zones.shape[0] - 1, -1, -1):
         if zones[i, 0] <= x <= zones[i, 2] and zones[i, 1] <= y <= zones[i, 3]:
-            return zones[i, 4]
+            if not np.isnan(zones[i, 4]):
+                return zones[i, 4]
+            rows, columns = image.shape
+            row = int(rows * (y - zones[i, 1]) / (zones[i, 3] - zones[i, 1]))
+            column = int(columns * (x - zones[i, 0]) / (zones[i, 2] - zones[i, 0]))
+            return image[min(row, rows - 1), min(column, columns - 1)]
     return elsewhere
 
 

@@ -6,6 +6,7 @@ before anything is written or run.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -17,7 +18,9 @@ from simloop.errors import InputError
 from simloop.floor_plan import FloorPlan
 from simloop.footprint import least_clearance
 from simloop.messages import FloatArray
+from simloop.obstacles import Obstacle
 from simloop.scenario import Scenario
+from simloop.tracks import friction_map
 
 if TYPE_CHECKING:
     from mujoco import MjModel
@@ -38,10 +41,10 @@ class World:
 
 def build_world(scenario: Scenario) -> World:
     """Build what a scenario describes. Raises InputError where it cannot be, or not be driven."""
-    where, step_s = f"scenario '{scenario.name}'", scenario.config.rates.physics_s
+    where, tracks = f"scenario '{scenario.name}'", scenario.config.tracks
     try:
         obstacles = list(scenario.obstacles)
-        model = build(scenario.arena, obstacles, step_s, scenario.config.payload)
+        model = _build(scenario, obstacles)
         if scenario.clutter is not None:
             obstacles += draw_clutter(
                 np.random.default_rng([scenario.seed, _CLUTTER_STREAM]),
@@ -53,14 +56,28 @@ def build_world(scenario: Scenario) -> World:
                 scenario.config.planner.safe_distance_m,
                 [s for s in floor_plan(model).sections if not s.name.startswith("wall")],
             )
-            model = build(scenario.arena, obstacles, step_s, scenario.config.payload)
+            model = _build(scenario, obstacles)
         floor = floor_plan(model)
+        friction_map(tracks.zones, tracks.friction_image)
     except ValueError as error:
         # The ends are the likelier culprits, and what is wrong with them is easier to act on.
         _check_bounds(scenario, where)
         raise InputError(f"{where}: {error}") from None
     check_ends(scenario, floor, where)
     return World(model, floor)
+
+
+def _build(scenario: Scenario, obstacles: Sequence[Obstacle]) -> MjModel:
+    config = scenario.config
+    return build(
+        scenario.arena,
+        obstacles,
+        config.rates.physics_s,
+        config.payload,
+        scenario.terrain,
+        scenario.loose,
+        config.tracks.friction,
+    )
 
 
 def check_ends(scenario: Scenario, floor: FloorPlan, where: str) -> None:

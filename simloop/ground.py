@@ -1,0 +1,166 @@
+"""Terrain and loose things, added to a world before it is compiled.
+
+What is named ``ground_*`` is ground: touching it is no contact, and it stands on no floor plan.
+Whether a step is ground is decided by theory: by what the vehicle's tracks can climb.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+from scipy.ndimage import gaussian_filter, zoom
+
+from simloop.images import read_grey
+from simloop.messages import FloatArray
+from simloop.terrain import HeightField, Loose, Ramp, Step, Terrain
+from simloop.track_theory import climbable_step, climbing_angle
+
+_HULL_AND_WHEELS = 3
+_BELLY_M = 0.02
+"""Where the hull begins: ground that stays below it between two wheels meets wheels alone."""
+_BASE_M = 0.1
+
+
+def add_terrain(world: mujoco.MjSpec, terrain: Terrain, friction: float) -> None:
+    """Ramps, steps and the height field. friction: of the tracks, for what can be climbed.
+
+    What cannot be climbed is an obstacle, and is named so. Raises ValueError for an image that
+    cannot be read.
+    """
+    for number, ramp in enumerate(terrain.ramps, start=1):
+        climbed = math.atan2(ramp.height_m, ramp.up_m) < climbing_angle_of(friction)
+        _add_ramp(world, ramp, f"{'ground' if climbed else 'obstacle'}_ramp_{number:02d}")
+    for number, step in enumerate(terrain.steps, start=1):
+        climbed = step.height_m <= climbable_height(world, friction)
+        _add_step(world, step, f"{'ground' if climbed else 'obstacle'}_step_{number:02d}")
+    if terrain.height_field is not None:
+        _add_field(world, terrain.height_field)
+
+
+def climbing_angle_of(friction: float) -> float:
+    """The steepest ramp, rad, that is ground: what friction alone lets the tracks climb."""
+    return climbing_angle(math.inf, 1.0, 0.0, friction) if friction > 0.0 else 0.0
+
+
+def climbable_height(world: mujoco.MjSpec, friction: float) -> float:
+    """The highest step, m, that the vehicle of this world climbs by plane statics."""
+    base = world.body("base_link")
+    wheels = [geom for geom in base.geoms if geom.name.startswith("road_left_")]
+    x = [float(geom.pos[0]) for geom in wheels]
+    centre, radius = base.ipos, float(wheels[0].size[0])
+    return climbable_step(
+        friction, radius, max(x) - float(centre[0]), float(centre[0]) - min(x), float(centre[2])
+    )
+
+
+def heights_of(field: HeightField) -> FloatArray:
+    """(rows, columns) heights over the floor, m, from 0 up; row 0 at the smallest y."""
+    rows, columns = field.shape()
+    if field.image is not None:
+        assert field.height_m is not None
+        grey = read_grey(field.image)
+        scale = (rows / grey.shape[0], columns / grey.shape[1])
+        return np.clip(zoom(grey, scale, order=1, grid_mode=True, mode="nearest"), 0.0, 1.0) * (
+            field.height_m
+        )
+    assert field.rms_m is not None
+    # White noise under a Gaussian of width s is correlated as exp(-d^2 / 4 s^2): 1/e at 2 s.
+    width = 0.5 * field.correlation_m / field.cell_m
+    edge = math.ceil(4.0 * width)
+    noise = np.random.default_rng(field.seed).standard_normal((rows + 2 * edge, columns + 2 * edge))
+    smooth = gaussian_filter(noise, width, truncate=4.0)[edge : edge + rows, edge : edge + columns]
+    smooth = field.rms_m * (smooth - smooth.mean()) / smooth.std()
+    raised: FloatArray = (smooth - smooth.min()) * _rim(rows, columns, 2.0 * width)
+    return raised
+
+
+def _rim(rows: int, columns: int, width: float) -> FloatArray:
+    """(rows, columns) 0 at the edge and 1 from ``width`` cells inwards."""
+    along = [np.minimum(np.arange(n), np.arange(n)[::-1]) for n in (rows, columns)]
+    distance = np.minimum(along[0][:, None], along[1][None, :])
+    share = np.clip(distance / max(width, 1.0), 0.0, 1.0)
+    return np.asarray(share * share * (3.0 - 2.0 * share), np.float64)
+
+
+def add_loose(world: mujoco.MjSpec, things: Sequence[Loose]) -> None:
+    """Loose things, each a body of its own on a free joint, named ``loose_*`` if pushable."""
+    for number, thing in enumerate(things, start=1):
+        name = f"{'loose' if thing.pushable else 'obstacle_loose'}_{number:02d}"
+        half = 0.5 * thing.height_m
+        body = world.worldbody.add_body(
+            name=name, pos=[*thing.position_m, half], quat=_turn(thing.yaw_rad)
+        )
+        body.add_freejoint()
+        geom = body.add_geom(name=name, contype=1, conaffinity=3, material="oak")
+        geom.mass, geom.friction = thing.mass_kg, [thing.friction, 0.005, 0.0001]
+        if thing.shape == "box":
+            geom.type = mujoco.mjtGeom.mjGEOM_BOX
+            geom.size = [0.5 * thing.size_m[0], 0.5 * thing.size_m[1], half]
+        else:
+            geom.type = mujoco.mjtGeom.mjGEOM_CYLINDER
+            geom.size = [0.5 * thing.size_m[0], half, 0.0]
+        # The floor's own friction must not be the larger one of the two, which would hold.
+        geom.priority = 1
+
+
+def _turn(yaw_rad: float) -> list[float]:
+    return [math.cos(0.5 * yaw_rad), 0.0, 0.0, math.sin(0.5 * yaw_rad)]
+
+
+def _add_ramp(world: mujoco.MjSpec, ramp: Ramp, name: str) -> None:
+    ends = ramp.up_m + ramp.top_m
+    profile = [(0.0, 0.0), (ramp.up_m, ramp.height_m), (ends, ramp.height_m)]
+    profile += [(ends + ramp.down_m, 0.0)]
+    sides = (-0.5 * ramp.width_m, 0.5 * ramp.width_m)
+    # A base below the floor keeps the foot from being thinner than a contact is deep.
+    corners = [(x, y, z) for y in sides for x, z in (*profile, (0.0, -_BASE_M), (ends, -_BASE_M))]
+    mesh = world.add_mesh(name=name, uservert=np.unique(np.array(corners), axis=0).ravel().tolist())
+    world.worldbody.add_geom(
+        name=name,
+        type=mujoco.mjtGeom.mjGEOM_MESH,
+        meshname=mesh.name,
+        pos=[*ramp.position_m, 0.0],
+        quat=_turn(ramp.yaw_rad),
+        contype=_HULL_AND_WHEELS,
+        conaffinity=0,
+        material="slate",
+    )
+
+
+def _add_step(world: mujoco.MjSpec, step: Step, name: str) -> None:
+    world.worldbody.add_geom(
+        name=name,
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=[0.5 * step.size_m[0], 0.5 * step.size_m[1], 0.5 * step.height_m],
+        pos=[*step.position_m, 0.5 * step.height_m],
+        quat=_turn(step.yaw_rad),
+        contype=_HULL_AND_WHEELS,
+        conaffinity=0,
+        material="slate",
+    )
+
+
+def _add_field(world: mujoco.MjSpec, field: HeightField) -> None:
+    heights = heights_of(field)
+    highest = max(float(heights.max()), 1e-6)
+    size = [0.5 * (high - low) for low, high in zip(field.min_m, field.max_m, strict=True)]
+    middle = [0.5 * (high + low) for low, high in zip(field.min_m, field.max_m, strict=True)]
+    world.add_hfield(
+        name="ground_field",
+        nrow=heights.shape[0],
+        ncol=heights.shape[1],
+        size=[*size, highest, _BASE_M],
+        userdata=(heights / highest).ravel().tolist(),
+    )
+    world.worldbody.add_geom(
+        name="ground_field",
+        type=mujoco.mjtGeom.mjGEOM_HFIELD,
+        hfieldname="ground_field",
+        pos=[*middle, 0.0],
+        contype=_HULL_AND_WHEELS if highest > _BELLY_M else 2,
+        conaffinity=0,
+        material="sage",
+    )
