@@ -138,7 +138,11 @@ def floor_plan(
     sections = []
     for geom in np.flatnonzero(static & solid):
         name = model.geom(geom).name
-        if name != "floor" and not name.startswith("ground_") and model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_PLANE:
+        if (
+            name != "floor"
+            and not name.startswith("ground_")
+            and model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_PLANE
+        ):
             section = section_of_geom(model, data, int(geom), name, band_m)
             sections += [section] if section is not None else []
     return rasterise(sections, bounds_of(model), resolution_m)

@@ -236,13 +236,9 @@ class Plant:
             self.model.dof_frictionloss[dof:],
             self._base,
         )
-        self._loose = [
-            i for i in range(1, model.nbody) if i != self._base and is_free(model, i)
-        ]
+        self._loose = [i for i in range(1, model.nbody) if i != self._base and is_free(model, i)]
         self._loose_names = tuple(model.body(i).name for i in self._loose)
-        self._terrain = [
-            i for i in range(model.ngeom) if model.geom(i).name.startswith("ground_")
-        ]
+        self._terrain = [i for i in range(model.ngeom) if model.geom(i).name.startswith("ground_")]
         self._ray_groups = np.isin(np.arange(6), SEEN_GROUPS).astype(np.uint8)
         self.t_ns = 0
         self._contacts = 0

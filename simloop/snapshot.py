@@ -169,7 +169,9 @@ class Snapshots:
             with _Stage(self._model, _SCENE_PX) as stage:
                 trail = np.array(self._truths)
                 scenes = [
-                    stage.shoot(m.truth, m.belief.path, trail[: m.trail_length], self._goal, m.loose)
+                    stage.shoot(
+                        m.truth, m.belief.path, trail[: m.trail_length], self._goal, m.loose
+                    )
                     for m in chosen
                 ]
         except _NoOpenGL as error:

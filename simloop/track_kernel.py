@@ -195,9 +195,7 @@ def _shear_patch(
 
 
 @njit(cache=True, error_model="numpy")
-def _account(
-    spin: Any, geoms: Geoms, body: BodyArrays, state: Record, p: TrackParameters
-) -> None:
+def _account(spin: Any, geoms: Geoms, body: BodyArrays, state: Record, p: TrackParameters) -> None:
     """Add the last step's work, J: its forces times the mean of the velocities before and after.
 
     So the kinetic energy that a force gives in a step is what it is said to have given, exactly.
