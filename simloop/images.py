@@ -31,5 +31,5 @@ def read_grey(file: str) -> FloatArray:
         raise InputError(f"image {file}: not a PNG image of 8 or 16 bits")
     if image.size > _MOST_PIXELS:
         raise InputError(f"image {file}: more than {_MOST_PIXELS} pixels")
-    white = float(np.iinfo(image.dtype).max)
+    white = 255.0 if image.dtype == np.uint8 else 65535.0
     return np.ascontiguousarray(image[::-1].astype(np.float64) / white)

@@ -114,8 +114,9 @@ class Simulation:
         """What comes with each whole turn of the LiDAR, and the truth to hold against it."""
         if scan is None:
             return []
+        heard: list[Message] = [scan, self.plant.track_truth()]
         loose = self.plant.loose_truth()
-        return [scan, self.plant.track_truth(), *([] if loose is None else [loose])]
+        return heard if loose is None else [*heard, loose]
 
     def _result(self, outcome: str, wall_time_s: float) -> RunResult:
         metrics = self.metrics.result(

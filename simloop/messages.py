@@ -282,6 +282,7 @@ Message = (
     | Plan
     | SmoothPath
     | TrackCommand
+    | LooseTruth
     | MapUpdate
     | Event
 )

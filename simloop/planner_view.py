@@ -101,14 +101,17 @@ class PlannerView:
         image = np.full((self._size_px, self._size_px, 3), UNKNOWN, np.uint8)
         if grid is None:
             return image
-        # From a pixel's centre to the grid's cell: warpAffine asks for where to read.
-        per_cell = 1.0 / (self._scale * grid.resolution_m)
+        # Each pixel's centre falls into a cell; what lies off the grid is as unknown as a new cell.
         corner = self._centre_m - 0.5 * self._size_px / self._scale
-        offset = (corner - grid.origin_m) / grid.resolution_m - 0.5 + 0.5 * per_cell
-        matrix = np.array([[per_cell, 0.0, offset[0]], [0.0, per_cell, offset[1]]])
-        shape = (self._size_px, self._size_px)
-        flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
-        odds = cv2.warpAffine(np.ascontiguousarray(grid.log_odds), matrix, shape, flags=flags)[::-1]
+        pixel_m = (np.arange(self._size_px) + 0.5) / self._scale
+        x, y = (
+            np.floor((corner[axis] + pixel_m - grid.origin_m[axis]) / grid.resolution_m).astype(int)
+            for axis in (0, 1)
+        )
+        rows, columns = grid.log_odds.shape
+        inside = ((y >= 0) & (y < rows))[:, None] & ((x >= 0) & (x < columns))[None, :]
+        cells = grid.log_odds[np.ix_(y.clip(0, rows - 1), x.clip(0, columns - 1))]
+        odds = np.where(inside, cells, 0.0)[::-1]
         # Free cells fade from unknown to paper, occupied ones to ink, as they become sure.
         sure = np.clip(np.abs(odds) / _SURE_LOG_ODDS, 0.0, 1.0)[..., None]
         ends = np.where(odds[..., None] > 0.0, np.array(INK, float), np.array(PAPER, float))

@@ -20,7 +20,7 @@ def vehicle() -> mujoco.MjModel:
 
 def at_home(model: mujoco.MjModel) -> mujoco.MjData:
     data = mujoco.MjData(model)
-    mujoco.mj_resetDataKeyframe(model, data, model.key("home").id)
+    mujoco.mj_resetData(model, data)
     mujoco.mj_forward(model, data)
     return data
 
@@ -66,7 +66,7 @@ def test_only_wheels_and_hull_can_touch_and_wheels_carry_without_friction(
         assert geom.contype == 0, geom.name  # so no two of its geoms meet
         assert (geom.conaffinity != 0) == (geom.name in WHEELS or geom.name.startswith("hull_"))
     assert all(vehicle.geom(name).condim == 1 for name in WHEELS)
-    assert all(vehicle.geom(name).priority == 1 for name in WHEELS)
+    assert all(vehicle.geom(name).priority == 2 for name in WHEELS)
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
