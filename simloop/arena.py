@@ -14,6 +14,7 @@ from xml.sax.saxutils import quoteattr
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from simloop.clutter import draw_clutter
@@ -53,6 +54,7 @@ _KINDS: dict[int, ShapeKind] = {
     mujoco.mjtGeom.mjGEOM_BOX.value: "box",
     mujoco.mjtGeom.mjGEOM_MESH.value: "mesh",
 }
+_OVERLAP_M = 0.001
 _UPRIGHT = 1.0 - 1e-9
 _ROUND = 64
 """Points round a tilted round thing: its outline is then right to about 0.1 % of its radius."""
@@ -131,34 +133,64 @@ def floor_plan(
     of the raster. What is named ``ground_*`` is driven over, and is left out. Raises ValueError
     for any other height field, which is not supported.
     """
+    return rasterise(sections_of(model, band_m), bounds_of(model), resolution_m)
+
+
+def sections_of(
+    model: mujoco.MjModel, band_m: tuple[float, float] = BAND_M, *, loose: bool = False
+) -> list[Section]:
+    """The outlines of what stands between two heights; loose: of loose things too, as placed."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    static = model.body_weldid[model.geom_bodyid] == 0
     solid = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+    root = model.body_rootid[model.geom_bodyid]
+    stands = solid & (model.body_weldid[model.geom_bodyid] == 0)
+    if loose:
+        stands |= solid & (root != 0) & (root != model.body("base_link").id)
     sections = []
-    for geom in np.flatnonzero(static & solid):
+    for geom in np.flatnonzero(stands):
         name = model.geom(geom).name
-        if (
-            name != "floor"
-            and not name.startswith("ground_")
-            and model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_PLANE
-        ):
+        is_ground = name == "floor" or name.startswith("ground_")
+        if not is_ground and model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_PLANE:
             section = section_of_geom(model, data, int(geom), name, band_m)
             sections += [section] if section is not None else []
-    return rasterise(sections, bounds_of(model), resolution_m)
+    return sections
+
+
+def overlaps(model: mujoco.MjModel, start: Sequence[float] | FloatArray) -> list[tuple[str, str]]:
+    """Pairs of geoms, one of them loose, that begin inside one another or in the robot's place."""
+    data = mujoco.MjData(model)
+    base = model.body("base_link")
+    at = int(model.jnt_qposadr[base.jntadr[0]])
+    data.qpos[at : at + 2] = start[:2]
+    data.qpos[at + 3 : at + 7] = math.cos(0.5 * start[2]), 0.0, 0.0, math.sin(0.5 * start[2])
+    mujoco.mj_forward(model, data)
+    pairs = []
+    for contact in data.contact[: data.ncon]:
+        bodies = model.body_rootid[model.geom_bodyid[contact.geom]]
+        if contact.dist < -_OVERLAP_M and np.any((bodies != 0) & (bodies != base.id)):
+            first, second = (
+                "the robot" if body == base.id else model.geom(geom).name
+                for body, geom in zip(bodies, contact.geom, strict=True)
+            )
+            pairs.append((first, second))
+    return pairs
 
 
 def scene_shapes(model: mujoco.MjModel) -> list[Shape]:
     """Everything that is to be seen: all geoms but those of the collision group."""
     shapes = []
     for geom in range(model.ngeom):
-        kind = _KINDS.get(int(model.geom_type[geom]))
+        field = int(model.geom_type[geom]) == mujoco.mjtGeom.mjGEOM_HFIELD
+        kind = "mesh" if field else _KINDS.get(int(model.geom_type[geom]))
         if kind is None or model.geom_group[geom] >= _COLLISION_GROUP:
             continue
         material = model.geom_matid[geom]
         rgba = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
         vertices = faces = None
-        if kind == "mesh":
+        if field:
+            vertices, faces = _surface_of(model, int(model.geom_dataid[geom]))
+        elif kind == "mesh":
             mesh = model.mesh(model.geom_dataid[geom])
             start, count = int(mesh.vertadr[0]), int(mesh.vertnum[0])
             vertices = model.mesh_vert[start : start + count].astype(np.float64)
@@ -178,6 +210,24 @@ def scene_shapes(model: mujoco.MjModel) -> list[Shape]:
             )
         )
     return shapes
+
+
+def _surface_of(model: mujoco.MjModel, field: int) -> tuple[FloatArray, NDArray[np.int32]]:
+    """Vertices (n, 3), m, and triangles (m, 3) of a height field, in its geom's frame."""
+    rows, columns = int(model.hfield_nrow[field]), int(model.hfield_ncol[field])
+    half_x, half_y, high, _ = model.hfield_size[field]
+    start = int(model.hfield_adr[field])
+    heights = high * model.hfield_data[start : start + rows * columns].astype(np.float64)
+    x, y = np.linspace(-half_x, half_x, columns), np.linspace(-half_y, half_y, rows)
+    grid_x, grid_y = np.meshgrid(x, y)
+    vertices = np.stack([grid_x.ravel(), grid_y.ravel(), heights], axis=1)
+    number = np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
+    a, b, c, d = (
+        part.ravel()
+        for part in (number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1])
+    )
+    faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    return vertices, faces
 
 
 def scene_bodies(model: mujoco.MjModel) -> list[Body]:

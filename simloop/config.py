@@ -27,7 +27,7 @@ def to_ns(seconds: float) -> int:
     return round(seconds * 1e9)
 
 
-def _reject(message: str) -> PydanticCustomError:
+def reject(message: str) -> PydanticCustomError:
     """An error about keys that do not go together; its text names the keys itself."""
     # The text is data, not a template: braces in it must stay as they are.
     return PydanticCustomError("keys_clash", "{text}", {"text": message})
@@ -52,7 +52,7 @@ class RatesConfig:
         for slow, fast in pairs:
             long_s, short_s = getattr(self, slow), getattr(self, fast)
             if to_ns(short_s) < 1 or to_ns(long_s) % to_ns(short_s) or to_ns(long_s) < 1:
-                raise _reject(
+                raise reject(
                     f"rates.{slow} = {long_s:g} s is not a whole multiple of "
                     f"rates.{fast} = {short_s:g} s"
                 )
@@ -73,7 +73,7 @@ class FrictionZone:
     @model_validator(mode="after")
     def _has_area(self) -> FrictionZone:
         if not (self.min_m[0] < self.max_m[0] and self.min_m[1] < self.max_m[1]):
-            raise _reject("tracks.zones: min_m must be below max_m in x and in y")
+            raise reject("tracks.zones: min_m must be below max_m in x and in y")
         return self
 
 
@@ -94,7 +94,7 @@ class FrictionImage:
     @model_validator(mode="after")
     def _has_area(self) -> FrictionImage:
         if not (self.min_m[0] < self.max_m[0] and self.min_m[1] < self.max_m[1]):
-            raise _reject("tracks.friction_image: min_m must be below max_m in x and in y")
+            raise reject("tracks.friction_image: min_m must be below max_m in x and in y")
         return self
 
 
@@ -183,7 +183,7 @@ class LidarConfig:
     @model_validator(mode="after")
     def _range_opens(self) -> LidarConfig:
         if self.range_min_m >= self.range_max_m:
-            raise _reject(
+            raise reject(
                 f"lidar.range_min_m = {self.range_min_m:g} m is not below "
                 f"lidar.range_max_m = {self.range_max_m:g} m"
             )

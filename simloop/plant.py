@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from simloop.arena import SEEN_GROUPS, is_free
 from simloop.config import Config
 from simloop.messages import FloatArray, LooseTruth, TrackTruth, Truth
-from simloop.track_kernel import apply_tracks
+from simloop.track_kernel import apply_tracks, settle_account
 from simloop.tracks import (
     GROUND,
     HULL,
@@ -203,6 +203,7 @@ class Plant:
                 config.vehicle,
                 config.rates.physics_s,
                 0.5 * float(x[0] - x[len(x) // 2 - 1]) / (len(x) // 2 - 1),
+                _GRAVITY_MPS2 * float(model.body_subtreemass[model.body("base_link").id]),
             )
         )
         self._radius_m = config.vehicle.sprocket_radius_m
@@ -334,6 +335,15 @@ class Plant:
                     )
                 highest = max(highest, _ABOVE_M - far if far >= 0.0 else 0.0)
         return highest
+
+    def work_j(self) -> FloatArray:
+        """(4,) J since the reset: electrical, shear, joints' friction, motors' shafts.
+
+        The last step's is in it, which ``tracks.work`` has only after the next one.
+        """
+        block = self._block.copy()
+        settle_account(self._geoms, self._body, block, self._parameters)
+        return np.array(block["work"][0], np.float64)
 
     def loose_truth(self) -> LooseTruth | None:
         """Where the loose things are now; None where there are none."""

@@ -18,15 +18,15 @@ from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any
 
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 from pydantic.dataclasses import dataclass
 from pydantic_core import ErrorDetails
 
 from simloop.catalog import arena_files, planner_names, scenario_files
-from simloop.config import Config, Positive, TracksConfig
+from simloop.config import Config, Positive, TracksConfig, reject
 from simloop.errors import InputError, did_you_mean
 from simloop.obstacles import Coordinate, Obstacle, Point
-from simloop.terrain import Loose, Terrain
+from simloop.terrain import MOST_ROUGH_STEP_S, Loose, Terrain
 
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 _BARE_WORD = re.compile(r"[A-Za-z_./][A-Za-z0-9_\-./]*\Z")
@@ -62,6 +62,13 @@ class Scenario:
     terrain: Terrain | None = None
     loose: tuple[Loose, ...] = ()
     config: Config = Field(default_factory=Config)
+
+    @model_validator(mode="after")
+    def _steps_finely_over_rough_ground(self) -> Scenario:
+        rough = self.terrain is not None and self.terrain.height_field is not None
+        if rough and self.config.rates.physics_s > MOST_ROUGH_STEP_S:
+            raise reject(f"rates.physics_s must be {MOST_ROUGH_STEP_S} s or less on a height field")
+        return self
 
 
 def load(

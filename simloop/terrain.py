@@ -14,6 +14,9 @@ from simloop.config import Friction, Length
 from simloop.obstacles import Point
 
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
+MOST_ROUGH_STEP_S = 0.002
+"""The longest physics step over a height field: a hull that falls on its prisms goes deep in one
+longer step, and is thrown out of them with energy from nowhere."""
 Height = Annotated[float, Field(gt=0.0, le=1.0)]
 Run = Annotated[float, Field(ge=0.0, le=100.0)]
 

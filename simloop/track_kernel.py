@@ -182,7 +182,7 @@ def _shear_patch(
         slip[1] = ux * sx + uy * sy + uz * sz
         mean, outlet = state.mean[wheel, s, half], state.outlet[wheel, s, half]
         advance_cell(mean, outlet, rate, entering, slip, belt, p.cell, p.shear_modulus, p.dt)
-        most = 0.5 * friction * load
+        most = 0.5 * friction * min(load, p.most_load)
         along, across = cell_force(mean, rate, p.shear_modulus, p.shear_damping, most)
         entering[0], entering[1] = outlet[0], outlet[1]
         force = (along * tx + across * sx, along * ty + across * sy, along * tz + across * sz)
@@ -192,6 +192,17 @@ def _shear_patch(
         thrust += along
         slipping += 0.5 * slip[0]
     return thrust, slipping
+
+
+@njit(cache=True, error_model="numpy")
+def _spin(body: BodyArrays) -> Any:
+    """Angular velocity of base_link, rad/s, in the world."""
+    rot, vel = body.rotation, body.velocity
+    return (
+        rot[0] * vel[3] + rot[1] * vel[4] + rot[2] * vel[5],
+        rot[3] * vel[3] + rot[4] * vel[4] + rot[5] * vel[5],
+        rot[6] * vel[3] + rot[7] * vel[4] + rot[8] * vel[5],
+    )
 
 
 @njit(cache=True, error_model="numpy")
@@ -224,6 +235,16 @@ def _account(spin: Any, geoms: Geoms, body: BodyArrays, state: Record, p: TrackP
         state.work[2] -= body.joint_constraint[dof] * speed * p.dt
         state.work[3] += p.torque_per_a * state.current[side] * speed * p.dt
     state.work[1] += shear * p.dt
+
+
+@njit(cache=True, error_model="numpy")
+def settle_account(
+    geoms: Geoms, body: BodyArrays, block: NDArray[np.void], constants: NDArray[np.void]
+) -> None:
+    """Add the work of the step just done to ``block``, which `apply_tracks` would do in the next:
+    for a copy of it, where the balance of energy is asked for between two steps.
+    """
+    _account(_spin(body), geoms, body, block[0], constants[0])
 
 
 @njit(cache=True, error_model="numpy")
@@ -266,12 +287,7 @@ def apply_tracks(
     constants: (1,) the `TrackParameters`.
     """
     state, p = block[0], constants[0]
-    rot, vel = body.rotation, body.velocity
-    spin = (
-        rot[0] * vel[3] + rot[1] * vel[4] + rot[2] * vel[5],
-        rot[3] * vel[3] + rot[4] * vel[4] + rot[5] * vel[5],
-        rot[6] * vel[3] + rot[7] * vel[4] + rot[8] * vel[5],
-    )
+    vel, spin = body.velocity, _spin(body)
     wheels = state.wheels
     a_side = wheels // 2
     _account(spin, geoms, body, state, p)

@@ -60,8 +60,14 @@ STATE_BLOCK = np.dtype(
 )
 
 
+_HARDEST_WEIGHTS = 4.0
+"""A harder blow than so many times the vehicle's weight is over within a step or two: friction, of
+which the kernel knows only when the step is done, would throw the vehicle instead of holding it."""
+
+
 class TrackParameters(NamedTuple):
-    """Constants of the kernel; units as in the configuration, dt in s; cell: half a wheel's, m."""
+    """Constants of the kernel; units as in the configuration, dt in s; cell: half a wheel's, m;
+    most_load: N, what a patch's friction is reckoned with at most."""
 
     friction: float
     shear_modulus: float
@@ -75,6 +81,7 @@ class TrackParameters(NamedTuple):
     gear_friction: float
     brake_torque: float
     cell: float
+    most_load: float
     dt: float
 
 
@@ -178,6 +185,7 @@ def track_parameters(
     vehicle: VehicleConfig,
     dt_s: float,
     cell_m: float = 0.415 / 12,
+    weight_n: float = 98.1,
 ) -> TrackParameters:
     """The kernel's constants. cell_m: half a road wheel's share of the belt."""
     return TrackParameters(
@@ -193,6 +201,7 @@ def track_parameters(
         gear_friction=motor.no_load_current_a * motor.torque_nm_per_a,
         brake_torque=motor.brake_torque_nm,
         cell=cell_m,
+        most_load=_HARDEST_WEIGHTS * weight_n,
         dt=dt_s,
     )
 

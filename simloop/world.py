@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simloop.arena import bounds_of, build, floor_plan
+from simloop.arena import bounds_of, build, floor_plan, overlaps, sections_of
 from simloop.clutter import draw_clutter, is_passable
 from simloop.errors import InputError
 from simloop.floor_plan import FloorPlan
@@ -54,7 +54,7 @@ def build_world(scenario: Scenario) -> World:
                 scenario.clutter.count,
                 scenario.config.vehicle,
                 scenario.config.planner.safe_distance_m,
-                [s for s in floor_plan(model).sections if not s.name.startswith("wall")],
+                [s for s in sections_of(model, loose=True) if not s.name.startswith("wall")],
             )
             model = _build(scenario, obstacles)
         floor = floor_plan(model)
@@ -64,6 +64,8 @@ def build_world(scenario: Scenario) -> World:
         _check_bounds(scenario, where)
         raise InputError(f"{where}: {error}") from None
     check_ends(scenario, floor, where)
+    for first, second in overlaps(model, scenario.start):
+        raise InputError(f"{where}: {first} and {second} begin inside one another")
     return World(model, floor)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from simloop.certify.ground import kinetic_and_potential, spent_j
 from simloop.certify.rig import CONTROL_S, Bench, Block, Rig
+from simloop.terrain import MOST_ROUGH_STEP_S
 
 _STEPS_S = (0.001, 0.002, 0.005)
 _EPISODE_S = 4.0
@@ -64,7 +65,9 @@ def random_rig(rng: np.random.Generator) -> Rig:
             continue
         a, b, c = (float(h) for h in rng.uniform(0.03, 0.12, 3))
         blocks.append(Block((x, y, c + 0.35), (a, b, c), 0.0, float(rng.uniform(0.2, 5.0))))
-    rough = float(rng.uniform(0.005, 0.06)) if rng.random() < 0.4 else 0.0
+    rough = 0.0
+    if step <= MOST_ROUGH_STEP_S and rng.random() < 0.5:
+        rough = float(rng.uniform(0.005, 0.06))
     return Rig(
         wheels=int(rng.integers(4, 11)),
         payload_kg=float(rng.uniform(0.1, 8.0)) if rng.random() < 0.5 else 0.0,
@@ -115,7 +118,7 @@ def run_episode(seed: int) -> Episode:
         failure = _failure(bench)
         gain = kinetic_and_potential(bench) + spent_j(bench) - start
         most = max(most, gain)
-        work = bench.plant.tracks.work
+        work = bench.plant.work_j()
         turnover = abs(start) + float(work[1] + work[2] + abs(work[3]))
         if not failure and gain > _LEAST_J + _SHARE * turnover:
             failure = f"{gain:.3f} J from nowhere after {ticks * CONTROL_S:.2f} s"

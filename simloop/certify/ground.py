@@ -27,7 +27,7 @@ def energy() -> Iterator[Check]:
             for _ in range(12):
                 left, right = rng.uniform(-24.0, 24.0, 2)
                 bench.drive((left, right), float(rng.uniform(0.1, 0.5)))
-            work = bench.plant.tracks.work
+            work = bench.plant.work_j()
             spent = _mechanical(bench) - before + work[1] + work[2]
             name = f"random manoeuvre {number}, step {step * 1e3:g} ms"
             yield relative("energy", name, float(spent), float(work[3]), 0.01, "J")
@@ -53,7 +53,7 @@ def kinetic_and_potential(bench: Bench) -> float:
 
 def spent_j(bench: Bench) -> float:
     """What the tracks and joints took, J, less what the motors' shafts gave."""
-    work = bench.plant.tracks.work
+    work = bench.plant.work_j()
     return float(work[1] + work[2] - work[3])
 
 
