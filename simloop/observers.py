@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from simloop.arena import scene_bodies, scene_shapes
 from simloop.scenario import Scenario
+from simloop.scene_shapes import scene_bodies, scene_shapes
 from simloop.world import World
 
 if TYPE_CHECKING:

@@ -83,7 +83,7 @@ class NullRecorder:
 class RerunRecorder:
     """Streams a run into an ``.rrd`` file, readable up to its last second whatever happens.
 
-    shapes, bodies: what is to be seen (``arena.scene_shapes``, ``arena.scene_bodies``). bounds_m:
+    shapes, bodies: what is to be seen (see ``scene_shapes``). bounds_m:
     (4,) of the arena. goal: (2,) in map. start: (3,) x, y, yaw, where odometry begins. laser_m:
     (3,) the laser in base_link. Raises OSError if the file cannot be opened. A later failure to
     write is reported once, and the run goes on unrecorded.

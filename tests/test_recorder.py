@@ -15,12 +15,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from synthetic_run import GOAL, OFF, SyntheticRun
 
-from simloop.arena import bounds_of, build, scene_bodies, scene_shapes
+from simloop.arena import bounds_of, build
 from simloop.config import VehicleConfig
 from simloop.messages import EncoderReading, MapUpdate, Plan, Truth, WorldView
 from simloop.odometry import Odometry, compose_all, inverse_all
 from simloop.record_columns import ellipses, nees, occupancy_percent
 from simloop.recorder import TIMELINE, NullRecorder, RerunRecorder
+from simloop.scene_shapes import scene_bodies, scene_shapes
 
 MODEL = build("experiment")
 SECONDS = 5.0

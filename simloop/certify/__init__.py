@@ -35,6 +35,7 @@ def families() -> dict[str, Family]:
         "steps": ground.steps,
         "timestep": ground.steps_agree,
         "ramps": ground.ramps,
+        "rough": ground.rough,
         "zones": ground.zones,
         "loose": ground.loose,
         "walls": ground.walls,
@@ -55,5 +56,9 @@ def passed(checks: Sequence[Check]) -> bool:
 
 
 def figures(checks: Sequence[Check]) -> dict[str, Any]:
-    """What ``--json`` writes, but for versions and machine."""
-    return {"ok": passed(checks), "checks": [check.as_dict() for check in checks]}
+    """What ``--json`` writes, but for versions and machine; comparison: MuJoCo's own friction."""
+    return {
+        "ok": passed(checks),
+        "checks": [check.as_dict() for check in checks if not check.informative],
+        "comparison": [check.as_dict() for check in checks if check.informative],
+    }

@@ -158,6 +158,23 @@ def ramps() -> Iterator[Check]:
         yield verdict("ramps", f"mu {friction}, {math.degrees(angle):.0f} degrees", up, climbs)
 
 
+def rough() -> Iterator[Check]:
+    """Over a height field the wheels carry the weight, and nothing gives energy but the motors."""
+    for number, height in enumerate((0.01, 0.02, 0.04)):
+        bench = Rig(rough_m=height, rough_seed=number).build()
+        start = kinetic_and_potential(bench) + spent_j(bench)
+        loads, gain = [], 0.0
+        for _ in range(500):
+            bench.drive((12.0, 11.0), 0.01)
+            loads.append(float(bench.plant.tracks.load.sum()))
+            gain = max(gain, kinetic_and_potential(bench) + spent_j(bench) - start)
+        name = f"heights to {height * 1e3:g} mm"
+        yield relative("rough", f"{name}: mean load", np.mean(loads), bench.weight_n, 0.02, "N")
+        yield at_most("rough", f"{name}: energy from nowhere", gain, 0.05, "J")
+        on = float(np.hypot(*bench.truth.position_m[:2]))
+        yield verdict("rough", f"{name}: it gets on", on > 0.8, True)
+
+
 def walls() -> Iterator[Check]:
     """Against a wall at full voltage: it does not climb, stick, or gain energy."""
     wall = Block((0.55, 0.0, 0.5), (0.1, 2.0, 0.5), name="wall")
