@@ -8,16 +8,27 @@ from __future__ import annotations
 
 import copy
 import hashlib
-import math
 
 import mujoco
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
 from simloop.arena import SEEN_GROUPS, is_free
 from simloop.config import Config
+from simloop.ground import ground_height
 from simloop.messages import FloatArray, LooseTruth, TrackTruth, Truth
+from simloop.plant_kernels import (
+    ACCELERATION,
+    ANGLE,
+    CURRENT,
+    POSE,
+    POSITION,
+    QUATERNION,
+    TURNING,
+    VELOCITY,
+    VOLTAGE,
+    carry_ranges,
+    motion_now,
+)
 from simloop.track_kernel import apply_tracks, settle_account
 from simloop.tracks import (
     GROUND,
@@ -35,9 +46,6 @@ from simloop.tracks import (
 )
 
 _GRAVITY_MPS2 = 9.81
-_GRAZING = 0.15  # cosine between a ray and the surface's normal below which it grazes
-_FAR_M = 0.01
-_ABOVE_M = 10.0
 _TURNING_RADPS = 0.02
 
 
@@ -74,99 +82,6 @@ def road_wheels(model: mujoco.MjModel) -> list[int]:
     if len(sides[0]) != len(sides[1]) or len(sides[0]) < 2:
         raise ValueError("each side of the vehicle needs as many road wheels, two or more")
     return sides[0] + sides[1]
-
-
-@njit(cache=True)
-def carry_ranges(
-    ranges: FloatArray,
-    normals: FloatArray,
-    directions: FloatArray,
-    origins: FloatArray,
-    middle: FloatArray,
-    cutoff: float,
-) -> NDArray[np.int64]:
-    """Carry ranges (n,) in place from ``middle`` (3,) to ``origins`` (n, 3), surfaces being planes.
-
-    r' = r - (d . n) / (u . n) with n the surface's normal, d the offset, u the ray; -1 beyond
-    ``cutoff``. Returns the indices of rays that meet their surface at too flat an angle for that.
-    """
-    flat = np.empty(ranges.shape[0], np.int64)
-    count = 0
-    for i in range(ranges.shape[0]):
-        if ranges[i] < 0.0:
-            continue
-        along, off = 0.0, 0.0
-        for k in range(3):
-            along += directions[i, k] * normals[i, k]
-            off += (origins[i, k] - middle[k]) * normals[i, k]
-        if abs(along) < _GRAZING or abs(off) > _FAR_M:
-            flat[count] = i
-            count += 1
-        else:
-            ranges[i] -= off / along
-            if ranges[i] > cutoff:
-                ranges[i] = -1.0
-    return flat[:count]
-
-
-@njit(cache=True)
-def body_motion(
-    qpos: FloatArray,
-    qvel: FloatArray,
-    rotation: FloatArray,
-    before: FloatArray,
-    period_s: float,
-    pose: FloatArray,
-    velocity: FloatArray,
-    acceleration: FloatArray,
-) -> None:
-    """Write the planar pose (3,), velocity in base_link (6,), mean proper acceleration there (3,).
-
-    The arguments before are those of ``motion_now``.
-    """
-    w, x, y, z = qpos[3], qpos[4], qpos[5], qpos[6]
-    pose[0], pose[1] = qpos[0], qpos[1]
-    pose[2] = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    for i in range(3):
-        velocity[i], acceleration[i] = 0.0, rotation[6 + i] * _GRAVITY_MPS2
-        velocity[3 + i] = qvel[3 + i]
-        for k in range(3):
-            velocity[i] += rotation[3 * k + i] * qvel[k]
-            acceleration[i] += rotation[3 * k + i] * (qvel[k] - before[k]) / period_s
-
-
-# Where each array of a Truth stands in the one block that the kernel fills.
-_POSE, _VELOCITY, _ACCELERATION = slice(0, 3), slice(3, 9), slice(9, 12)
-_POSITION, _QUATERNION = slice(12, 15), slice(15, 19)
-_ANGLE, _TURNING = slice(19, 21), slice(21, 23)
-_CURRENT, _VOLTAGE = slice(23, 25), slice(25, 27)
-
-
-@njit(cache=True)
-def motion_now(
-    qpos: FloatArray,
-    qvel: FloatArray,
-    sprocket_qpos: NDArray[np.int64],
-    sprocket_dof: NDArray[np.int64],
-    current: FloatArray,
-    voltage: FloatArray,
-    rotation: FloatArray,
-    before: FloatArray,
-    period_s: float,
-) -> FloatArray:
-    """(27,) all arrays of a Truth in one block, see the slices above.
-
-    qpos, qvel: MuJoCo's, the vehicle's free joint first; sprocket_*: (2,) where the sprockets
-    are in them; rotation: (9,) world_from_base; before: (3,) world velocity one period ago.
-    """
-    block = np.empty(27)
-    body_motion(qpos, qvel, rotation, before, period_s, block[:3], block[3:9], block[9:12])
-    block[12:19] = qpos[:7]
-    for side in range(2):
-        block[19 + side] = qpos[sprocket_qpos[side]]
-        block[21 + side] = qvel[sprocket_dof[side]]
-        block[23 + side], block[25 + side] = current[side], voltage[side]
-    return block
 
 
 def _of_its_own(model: mujoco.MjModel, config: Config) -> mujoco.MjModel:
@@ -293,7 +208,7 @@ class Plant:
         braked: whether the holding brakes are on from the beginning.
         """
         mujoco.mj_resetData(self.model, self.data)
-        self._qpos[:3] = pose[0], pose[1], 0.001 + self._ground_height(pose)
+        self._qpos[:3] = pose[0], pose[1], 0.001 + self._under(pose)
         self._qpos[3:7] = np.cos(pose[2] / 2), 0.0, 0.0, np.sin(pose[2] / 2)
         for array in self._state:
             array[...] = 0
@@ -307,34 +222,14 @@ class Plant:
         self.t_ns, self._contacts, self._touching = 0, 0, False
         return self.truth(self._qvel[:3].copy())
 
-    def _ground_height(self, pose: FloatArray) -> float:
+    def _under(self, pose: FloatArray) -> float:
         """How high the ground reaches under the road wheels at a pose (3,), m."""
         if not self._terrain:
             return 0.0
-        model, data = self.model, self.data
-        mujoco.mj_kinematics(model, data)
         cos, sin = np.cos(pose[2]), np.sin(pose[2])
-        down, normal, highest = np.array([0.0, 0.0, -1.0]), np.zeros(3), 0.0
-        for wheel in road_wheels(model):
-            x, y = model.geom_pos[wheel, :2]
-            above = np.array([pose[0] + cos * x - sin * y, pose[1] + sin * x + cos * y, _ABOVE_M])
-            for geom in self._terrain:
-                if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_HFIELD:
-                    far = mujoco.mj_rayHfield(model, data, geom, above, down, normal)
-                elif model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
-                    far = mujoco.mj_rayMesh(model, data, geom, above, down, normal)
-                else:
-                    far = mujoco.mju_rayGeom(
-                        data.geom_xpos[geom],
-                        data.geom_xmat[geom],
-                        model.geom_size[geom],
-                        above,
-                        down,
-                        int(model.geom_type[geom]),
-                        normal,
-                    )
-                highest = max(highest, _ABOVE_M - far if far >= 0.0 else 0.0)
-        return highest
+        x, y = self.model.geom_pos[road_wheels(self.model), :2].T
+        places = np.stack([pose[0] + cos * x - sin * y, pose[1] + sin * x + cos * y], axis=1)
+        return ground_height(self.model, self.data, self._terrain, places)
 
     def work_j(self) -> FloatArray:
         """(4,) J since the reset: electrical, shear, joints' friction, motors' shafts.
@@ -402,15 +297,15 @@ class Plant:
         )
         return Truth(
             t_ns=self.t_ns,
-            pose_xyyaw=block[_POSE],
-            position_m=block[_POSITION],
-            quaternion_wxyz=block[_QUATERNION],
-            velocity_body=block[_VELOCITY],
-            acceleration_mps2=block[_ACCELERATION],
-            sprocket_rad=block[_ANGLE],
-            sprocket_radps=block[_TURNING],
-            motor_current_a=block[_CURRENT],
-            motor_voltage_v=block[_VOLTAGE],
+            pose_xyyaw=block[POSE],
+            position_m=block[POSITION],
+            quaternion_wxyz=block[QUATERNION],
+            velocity_body=block[VELOCITY],
+            acceleration_mps2=block[ACCELERATION],
+            sprocket_rad=block[ANGLE],
+            sprocket_radps=block[TURNING],
+            motor_current_a=block[CURRENT],
+            motor_voltage_v=block[VOLTAGE],
             energy_j=float(self._state.work[0]),
             contact_count=self._contacts,
             in_contact=self._touching,

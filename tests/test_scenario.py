@@ -78,8 +78,10 @@ def all_keys():
             for section in fields(value):
                 table = getattr(value, section.name)
                 for item in fields(table):
+                    if getattr(table, item.name) is None:  # an optional table
+                        continue
                     yield f"{section.name}.{item.name}", getattr(table, item.name)
-        elif not is_dataclass(value):
+        elif not is_dataclass(value) and value is not None:
             yield field.name, value
     yield "clutter.count", 5
 

@@ -169,7 +169,8 @@ def rough() -> Iterator[Check]:
             loads.append(float(bench.plant.tracks.load.sum()))
             gain = max(gain, kinetic_and_potential(bench) + spent_j(bench) - start)
         name = f"heights to {height * 1e3:g} mm"
-        yield relative("rough", f"{name}: mean load", np.mean(loads), bench.weight_n, 0.02, "N")
+        mean = float(np.mean(loads))
+        yield relative("rough", f"{name}: mean load", mean, bench.weight_n, 0.02, "N")
         yield at_most("rough", f"{name}: energy from nowhere", gain, 0.05, "J")
         on = float(np.hypot(*bench.truth.position_m[:2]))
         yield verdict("rough", f"{name}: it gets on", on > 0.8, True)
