@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
+import threading
 from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
@@ -50,6 +51,7 @@ from simloop.shapes import Body, Shape
 TIMELINE = "sim_time"
 _FLUSH_NS = 1_000_000_000
 _FLUSH_TIMEOUT_S = 10.0
+_PARTING_S = 2.0
 _POSE_TICKS = 4  # poses at 25 Hz, of the control loop's 100
 _ELLIPSE_SCALE = 10.0
 
@@ -172,7 +174,12 @@ class RerunRecorder:
         """Cut off what was half written, which a strict reader would stumble over, and say so."""
         self._open = False
         _log.error("recording stopped, %s keeps what fitted: %s", self._path, error)
-        self._stream.disconnect()
+        # The library may wait for its dead writer for ever, here and again when Python ends.
+        parting = threading.Thread(target=self._stream.disconnect, daemon=True)
+        parting.start()
+        parting.join(_PARTING_S)
+        if parting.is_alive():
+            self._rr.unregister_shutdown()
         with contextlib.suppress(OSError):
             os.truncate(self._path, self._sound_bytes)
 

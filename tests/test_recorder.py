@@ -213,7 +213,10 @@ def test_an_unfinished_file_is_readable_up_to_its_last_second(tmp_path: Path) ->
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
-def test_a_full_disk_is_told_in_one_line_and_what_fitted_is_readable(tmp_path: Path) -> None:
+@pytest.mark.parametrize("most_bytes", [700_000, 900_000])
+def test_a_full_disk_is_told_in_one_line_and_what_fitted_is_readable(
+    tmp_path: Path, most_bytes: int
+) -> None:
     path = tmp_path / "full.rrd"
     child = textwrap.dedent(
         f"""
@@ -222,14 +225,16 @@ def test_a_full_disk_is_told_in_one_line_and_what_fitted_is_readable(tmp_path: P
         sys.path.insert(0, {str(Path(__file__).parent)!r})
         from test_recorder import MODEL, SyntheticRun, recorder_to
         recorder = recorder_to(Path({str(path)!r}))
-        resource.setrlimit(resource.RLIMIT_FSIZE, (700_000, 700_000))
+        resource.setrlimit(resource.RLIMIT_FSIZE, ({most_bytes}, {most_bytes}))
         for message in SyntheticRun(MODEL, 5.0).messages():
             recorder.offer(message)
         recorder.close()
         print("the run went on")
         """
     )
-    done = subprocess.run([sys.executable, "-c", child], capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", child], capture_output=True, text=True, timeout=120
+    )
     assert done.stdout == "the run went on\n"
     assert len(done.stderr.strip().splitlines()) == 1, done.stderr
     assert "recording stopped" in done.stderr
