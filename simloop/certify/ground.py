@@ -22,15 +22,35 @@ def energy() -> Iterator[Check]:
     for step in (0.001, 0.002, 0.005):
         for number in range(4):
             pitch = float(rng.uniform(-0.2, 0.2))
-            bench = Rig(step_s=step, friction=float(rng.uniform(0.3, 0.9)), pitch_rad=pitch).build()
-            before = _mechanical(bench)
-            for _ in range(12):
-                left, right = rng.uniform(-24.0, 24.0, 2)
-                bench.drive((left, right), float(rng.uniform(0.1, 0.5)))
-            work = bench.plant.work_j()
-            spent = _mechanical(bench) - before + work[1] + work[2]
-            name = f"random manoeuvre {number}, step {step * 1e3:g} ms"
-            yield relative("energy", name, float(spent), float(work[3]), 0.01, "J")
+            rig = Rig(step_s=step, friction=float(rng.uniform(0.3, 0.9)), pitch_rad=pitch)
+            yield _balance(f"random manoeuvre {number}, step {step * 1e3:g} ms", rig, rng)
+        tilted = Rig(
+            step_s=step,
+            wheels=int(rng.integers(4, 11)),
+            friction=float(rng.uniform(0.2, 1.0)),
+            pitch_rad=float(rng.uniform(-0.2, 0.2)),
+            roll_rad=float(rng.uniform(-0.2, 0.2)),
+            payload_kg=5.0,
+            payload_m=(0.05, -0.04, 0.15),
+        )
+        name = f"with brakes, payload and side slope, step {step * 1e3:g} ms"
+        yield _balance(name, tilted, rng, brakes=0.3)
+        sled = Block((0.0, 0.0, -0.05), (6.0, 6.0, 0.05), 0.0, 5.0, on_rails=True)
+        on_sled = Rig(step_s=step, blocks=(sled,), floor=False)
+        yield _balance(f"on a sled, step {step * 1e3:g} ms", on_sled, rng)
+
+
+def _balance(name: str, rig: Rig, rng: np.random.Generator, brakes: float = 0.0) -> Check:
+    """The shafts' work against all that became of it. brakes: how often they are on."""
+    bench = rig.build()
+    before = _mechanical(bench)
+    for _ in range(12):
+        left, right = rng.uniform(-24.0, 24.0, 2)
+        bench.plant.brake(bool(rng.random() < brakes) if brakes else False)
+        bench.drive((left, right), float(rng.uniform(0.1, 0.5)))
+    work = bench.plant.work_j()
+    spent = _mechanical(bench) - before + work[1] + work[2]
+    return relative("energy", name, float(spent), float(work[3]), 0.01, "J")
 
 
 def _mechanical(bench: Bench) -> float:
