@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import Literal
 
 import mujoco
 import numpy as np
@@ -14,6 +15,11 @@ from simloop.certify.rig import GRAVITY_MPS2, RADIUS_M, Bench, Block, Rig
 from simloop.config import FrictionZone
 
 _SEED = 20261125
+_BEARINGS: tuple[tuple[str, Literal["rail", "pivot"], float], ...] = (
+    ("sled", "rail", 5.0),
+    ("turntable", "pivot", 0.2),
+)
+"""Name, bearing and mass, kg, of what is so large that no manoeuvre leaves it."""
 
 
 def energy() -> Iterator[Check]:
@@ -35,9 +41,10 @@ def energy() -> Iterator[Check]:
         )
         name = f"with brakes, payload and side slope, step {step * 1e3:g} ms"
         yield _balance(name, tilted, rng, brakes=0.3)
-        sled = Block((0.0, 0.0, -0.05), (6.0, 6.0, 0.05), 0.0, 5.0, on_rails=True)
-        on_sled = Rig(step_s=step, blocks=(sled,), floor=False)
-        yield _balance(f"on a sled, step {step * 1e3:g} ms", on_sled, rng)
+        for label, bearing, mass in _BEARINGS:
+            under = Block((0.0, 0.0, -0.05), (6.0, 6.0, 0.05), 0.0, mass, bearing=bearing)
+            moving = Rig(step_s=step, blocks=(under,), floor=False)
+            yield _balance(f"on a {label}, step {step * 1e3:g} ms", moving, rng)
 
 
 def _balance(name: str, rig: Rig, rng: np.random.Generator, brakes: float = 0.0) -> Check:
@@ -127,15 +134,35 @@ def loose() -> Iterator[Check]:
         pull = float(np.mean(thrusts))  # MuJoCo's own friction makes the box hop as it slides
         expected = friction * mass * GRAVITY_MPS2
         yield relative("loose box", f"{mass:g} kg: thrust", pull, expected, 0.02, "N")
-    sled = Block((0.0, 0.0, -0.05), (1.0, 0.5, 0.05), 0.0, 5.0, on_rails=True)
-    bench = Rig(blocks=(sled,), floor=False).build()
-    bench.drive((12.0, 12.0), 0.6)
+    yield from _moving_ground()
+
+
+def _moving_ground() -> Iterator[Check]:
+    """What the vehicle gains, whatever it stands on gives; a zone is of the ground, not of that."""
+    sled = Block((0.0, 0.0, -0.05), (1.0, 0.5, 0.05), 0.0, 5.0, bearing="rail")
+    ice = FrictionZone((-9.0, -9.0), (9.0, 9.0), 0.05)
+    bench = Rig(blocks=(sled,), floor=False, tracks={"zones": (ice,)}).build()
+    bench.drive((20.0, 20.0), 0.2)
     data, model = bench.plant.data, bench.plant.model
     sled_v = float(data.qvel[model.jnt_dofadr[-1]])
     # The sled's joint stands last; the sprockets' spin carries no momentum along x.
-    vehicle = bench.mass_kg * bench.truth.velocity_body[0]
+    vehicle = bench.mass_kg * float(bench.truth.velocity_body[0])
     name = "sled's momentum to the vehicle's"
-    yield relative("loose sled", name, -5.0 * sled_v, float(vehicle), 0.001, "N s")
+    yield relative("loose sled", name, -5.0 * sled_v, vehicle, 0.001, "N s")
+    pulled = bool(vehicle > 0.05 * bench.weight_n * 0.2)
+    yield verdict("loose sled", "pulls more than the ice below would let it", pulled, True)
+    table = Block((0.0, 0.0, -0.05), (1.0, 1.0, 0.05), 0.0, 5.0, bearing="pivot")
+    bench = Rig(blocks=(table,), floor=False).build()
+    bench.drive((-12.0, 12.0), 0.6)
+    data, model = bench.plant.data, bench.plant.model
+    mujoco.mj_subtreeVel(model, data)
+    base = model.body("base_link").id
+    at, speed = data.subtree_com[base], data.subtree_linvel[base]
+    own = float(data.subtree_angmom[base][2])
+    own += bench.mass_kg * float(at[0] * speed[1] - at[1] * speed[0])
+    other = float(data.subtree_angmom[model.body("loose_0").id][2])
+    name = "turntable's angular momentum to the vehicle's"
+    yield relative("loose sled", name, -other, own, 0.001, "N m s")
 
 
 def steps() -> Iterator[Check]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Literal
 
 import mujoco
 import numpy as np
@@ -37,14 +38,14 @@ _ROUGH_CELLS = 201
 @dataclass(frozen=True, slots=True)
 class Block:
     """A box on or in the ground: centre, half sizes, m; pitch, rad; mass_kg > 0 makes it loose,
-    on_rails lets it move along x alone."""
+    a rail lets it move along x alone, a pivot turn about z alone."""
 
     centre_m: tuple[float, float, float]
     half_m: tuple[float, float, float]
     pitch_rad: float = 0.0
     mass_kg: float = 0.0
     friction: float = 0.5
-    on_rails: bool = False
+    bearing: Literal["none", "rail", "pivot"] = "none"
     name: str = "ground_block"
 
 
@@ -308,15 +309,17 @@ def _add_block(spec: mujoco.MjSpec, block: Block, number: int) -> None:
     holder = spec.worldbody
     if loose:
         holder = spec.worldbody.add_body(name=name, pos=list(block.centre_m), quat=half)
-        if block.on_rails:
+        if block.bearing == "rail":
             holder.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1.0, 0.0, 0.0])
+        elif block.bearing == "pivot":
+            holder.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0.0, 0.0, 1.0])
         else:
             holder.add_freejoint()
     geom = holder.add_geom(
         name=name, type=mujoco.mjtGeom.mjGEOM_BOX, size=list(block.half_m), contype=1
     )
     geom.friction = [block.friction, 0.005, 0.0001]
-    geom.conaffinity = 3 if loose and not block.on_rails else 0
+    geom.conaffinity = 3 if loose and block.bearing == "none" else 0
     if loose:
         geom.mass = block.mass_kg
     else:
