@@ -46,7 +46,7 @@ def slip_curve() -> Iterator[Check]:
     for name, rig, slip, belt in _other_winches():
         pull, got = _winched(rig, slip, belt)
         expected = theory.drawbar_ratio(got, 0.415, MODULUS_M)
-        yield relative("slip curve", f"winch, slip {slip}, {name}", pull, expected, 0.02)
+        yield relative("slip curve", f"{name}: winch, slip {slip}", pull, expected, 0.02)
 
 
 def _other_winches() -> Iterator[tuple[str, Rig, float, float]]:

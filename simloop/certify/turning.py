@@ -52,7 +52,7 @@ def spin() -> Iterator[Check]:
     for ratio, wheels, friction, speed, step in _CORNERS:
         length = ratio * 0.39
         rig = Rig(length_m=length, wheels=wheels, friction=friction, step_s=step)
-        name = f"L/B {ratio}, {wheels} wheels, mu {friction}, {speed:g} rad/s, {step * 1e3:g} ms"
+        name = f"{wheels} wheels, L/B {ratio}, mu {friction}, {speed:g} rad/s, {step * 1e3:g} ms"
         chi = _spun(rig, speed).spin_ratio()
         yield relative("spin", name, chi, theory.spin_ratio(length, 0.39), 0.01)
 
