@@ -55,9 +55,13 @@ def _balance(name: str, rig: Rig, rng: np.random.Generator, brakes: float = 0.0)
         left, right = rng.uniform(-24.0, 24.0, 2)
         bench.plant.brake(bool(rng.random() < brakes) if brakes else False)
         bench.drive((left, right), float(rng.uniform(0.1, 0.5)))
+    return _balanced("energy", name, bench, before)
+
+
+def _balanced(group: str, name: str, bench: Bench, before_j: float) -> Check:
     work = bench.plant.work_j()
-    spent = _mechanical(bench) - before + work[1] + work[2]
-    return relative("energy", name, float(spent), float(work[3]), 0.01, "J")
+    spent = _mechanical(bench) - before_j + work[1] + work[2]
+    return relative(group, name, float(spent), float(work[3]), 0.01, "J")
 
 
 def _mechanical(bench: Bench) -> float:
@@ -134,15 +138,18 @@ def loose() -> Iterator[Check]:
         pull = float(np.mean(thrusts))  # MuJoCo's own friction makes the box hop as it slides
         expected = friction * mass * GRAVITY_MPS2
         yield relative("loose box", f"{mass:g} kg: thrust", pull, expected, 0.02, "N")
-    yield from _moving_ground()
+    yield from _sled()
+    yield from _turntable()
 
 
-def _moving_ground() -> Iterator[Check]:
+def _sled() -> Iterator[Check]:
     """What the vehicle gains, whatever it stands on gives; a zone is of the ground, not of that."""
     sled = Block((0.0, 0.0, -0.05), (1.0, 0.5, 0.05), 0.0, 5.0, bearing="rail")
     ice = FrictionZone((-9.0, -9.0), (9.0, 9.0), 0.05)
     bench = Rig(blocks=(sled,), floor=False, tracks={"zones": (ice,)}).build()
+    before = _mechanical(bench)
     bench.drive((20.0, 20.0), 0.2)
+    yield _balanced("loose sled", "shafts' work, while it speeds up", bench, before)
     data, model = bench.plant.data, bench.plant.model
     sled_v = float(data.qvel[model.jnt_dofadr[-1]])
     # The sled's joint stands last; the sprockets' spin carries no momentum along x.
@@ -151,9 +158,16 @@ def _moving_ground() -> Iterator[Check]:
     yield relative("loose sled", name, -5.0 * sled_v, vehicle, 0.001, "N s")
     pulled = bool(vehicle > 0.05 * bench.weight_n * 0.2)
     yield verdict("loose sled", "pulls more than the ice below would let it", pulled, True)
-    table = Block((0.0, 0.0, -0.05), (1.0, 1.0, 0.05), 0.0, 5.0, bearing="pivot")
+
+
+def _turntable() -> Iterator[Check]:
+    """As light as the vehicle, so that it turns the other way as fast: only their difference
+    counts for the spin ratio."""
+    table = Block((0.0, 0.0, -0.05), (0.8, 0.8, 0.05), 0.0, 0.5, bearing="pivot")
     bench = Rig(blocks=(table,), floor=False).build()
-    bench.drive((-12.0, 12.0), 0.6)
+    before = _mechanical(bench)
+    bench.drive((-12.0, 12.0), 0.2)
+    yield _balanced("turntable", "shafts' work, while it speeds up", bench, before)
     data, model = bench.plant.data, bench.plant.model
     mujoco.mj_subtreeVel(model, data)
     base = model.body("base_link").id
@@ -161,8 +175,13 @@ def _moving_ground() -> Iterator[Check]:
     own = float(data.subtree_angmom[base][2])
     own += bench.mass_kg * float(at[0] * speed[1] - at[1] * speed[0])
     other = float(data.subtree_angmom[model.body("loose_0").id][2])
-    name = "turntable's angular momentum to the vehicle's"
-    yield relative("loose sled", name, -other, own, 0.001, "N m s")
+    name = "its angular momentum to the vehicle's"
+    yield relative("turntable", name, -other, own, 0.001, "N m s")
+    bench.drive((-12.0, 12.0), 1.0)
+    left, right = bench.belts_mps()
+    turned = bench.motion()[2] - float(data.qvel[model.jnt_dofadr[-1]])
+    chi = turned * bench.rig.gauge_m / (right - left)
+    yield relative("turntable", "spin ratio on it", chi, theory.spin_ratio(0.415, 0.39), 0.005)
 
 
 def steps() -> Iterator[Check]:
