@@ -106,12 +106,19 @@ def _place_files(table: dict[str, Any], folder: Path) -> None:
     """Make an arena that is given as a file, and images, full paths, in place; full ones stay."""
     arena = table.get("arena")
     if isinstance(arena, str) and arena.endswith(".xml"):
-        table["arena"] = str((folder / arena).resolve())
+        table["arena"] = _full_path(folder, arena)
     for section, part, key in _FILE_KEYS:
         holder = table.get(section)
         holder = holder.get(part) if isinstance(holder, dict) else None
         if isinstance(holder, dict) and isinstance(holder.get(key), str):
-            holder[key] = str((folder / holder[key]).resolve())
+            holder[key] = _full_path(folder, holder[key])
+
+
+def _full_path(folder: Path, name: str) -> str:
+    try:
+        return str((folder / name).resolve())
+    except (OSError, RuntimeError, ValueError) as error:  # a null byte, a loop of links
+        raise InputError(f"{_short(name)}: cannot be the name of a file: {error}") from None
 
 
 def resolve(name_or_path: str | Path) -> Path:

@@ -17,6 +17,8 @@ _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 MOST_ROUGH_STEP_S = 0.002
 """The longest physics step over a height field: a hull that falls on its prisms goes deep in one
 longer step, and is thrown out of them with energy from nowhere."""
+_MOST_CORRELATED = 100
+"""Cells over which heights may be correlated: finer, a draw takes minutes and shows no more."""
 Height = Annotated[float, Field(gt=0.0, le=1.0)]
 Run = Annotated[float, Field(ge=0.0, le=100.0)]
 
@@ -76,6 +78,8 @@ class HeightField:
             raise ValueError("image and height_m go together")
         if max(self.shape()) > 1001:
             raise ValueError("more than 1001 cells along a side: choose a larger cell_m")
+        if self.rms_m is not None and self.correlation_m > _MOST_CORRELATED * self.cell_m:
+            raise ValueError(f"correlation_m is over {_MOST_CORRELATED} cells: a larger cell_m")
         return self
 
     def shape(self) -> tuple[int, int]:

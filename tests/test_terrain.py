@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 from simloop.arena import build
 from simloop.config import Config, FrictionImage, FrictionZone
 from simloop.errors import InputError
-from simloop.ground import climbing_angle_of, heights_of
+from simloop.ground import climbable_height, climbing_angle_of, ground_height, heights_of
 from simloop.images import read_grey
 from simloop.loop import Simulation
+from simloop.paths import models_dir
 from simloop.plant import Plant
 from simloop.scenario import load
 from simloop.scene_shapes import scene_shapes
@@ -154,6 +155,70 @@ def test_what_no_track_can_climb_is_an_obstacle(height, run, expected):
     assert {"ground_step_01", "obstacle_step_02"} <= set(names(model))
 
 
+def test_the_border_between_ground_and_obstacle_is_theorys():
+    world = vehicle_alone()
+    highest, steepest = climbable_height(world, 0.5), climbing_angle_of(0.5)
+    assert steepest == pytest.approx(math.atan(0.5))
+    steps = tuple(Step((1.0, y), (0.3, 1.0), k * highest) for y, k in ((0.0, 0.98), (2.0, 1.02)))
+    ramps = tuple(
+        Ramp((1.0, y), math.tan(k * steepest) * 0.4, 0.4) for y, k in ((-2.0, 0.98), (-4.0, 1.02))
+    )
+    terrain = Terrain(ramps, steps)
+    found = set(names(build("open", terrain=terrain, friction=0.5)))
+    assert {"ground_step_01", "obstacle_step_02", "ground_ramp_01", "obstacle_ramp_02"} <= found
+
+
+def vehicle_alone():
+    return mujoco.MjSpec.from_file(str(models_dir() / "tracked_ugv.xml"))
+
+
+def test_what_is_turned_stands_turned_to_the_left():
+    """By rays from above: a third of a turn from +x, and not as much to the other side."""
+    yaw = 2.0
+    ahead = np.array([math.cos(yaw), math.sin(yaw)])
+    ramp = Ramp((1.0, 1.0), 0.1, 0.6, top_m=0.6, width_m=0.4, yaw_rad=yaw)
+    step = Step((-1.0, 1.0), (1.0, 0.2), 0.015, yaw_rad=yaw)
+    box = Loose("box", (0.0, -1.5), (1.0, 0.2), 1.0, 0.3, 0.4, yaw_rad=yaw)
+    model = build("open", terrain=Terrain((ramp,), (step,)), loose=(box,))
+    data = mujoco.MjData(model)
+    for name, place, height in (
+        ("ground_ramp_01", np.array([1.0, 1.0]) + 0.3 * ahead, 0.05),
+        ("ground_ramp_01", np.array([1.0, 1.0]) + 0.9 * ahead, 0.1),
+        ("ground_step_01", np.array([-1.0, 1.0]) + 0.45 * ahead, 0.015),
+        ("obstacle_loose_01", np.array([0.0, -1.5]) - 0.45 * ahead, 0.3),
+    ):
+        found = ground_height(model, data, [model.geom(name).id], place[None])
+        assert found == pytest.approx(height, abs=1e-6)
+
+
+def test_it_is_put_down_on_whatever_lies_under_its_wheels():
+    """A sill under the front wheels of a robot that looks to +y, or to -y, and not beside it."""
+    sill = Step((0.0, 0.0), (0.04, 0.1), 0.015)
+    plant = Plant(build("open", terrain=Terrain(steps=(sill,))), Config())
+    forward, left, beside = 0.172917, 0.195, np.array([0.0, 0.9, 0.0])
+    for yaw in (0.5 * math.pi, -0.5 * math.pi, 2.0):
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        # Where the left front wheel stands on the sill, and where nothing does.
+        on = np.array([-(cos * forward - sin * left), -(sin * forward + cos * left), yaw])
+        assert plant.reset(on, settle_s=0.0).position_m[2] == pytest.approx(0.016, abs=1e-6)
+        assert plant.reset(on + beside, settle_s=0.0).position_m[2] < 0.0011
+
+
+@pytest.mark.parametrize("friction", [0.15, 0.7])
+def test_a_loose_thing_slides_on_the_floor_with_its_own_friction(friction):
+    """Thrown, it slides v^2 / 2 mu g far, whatever the floor's own friction."""
+    box = Loose("box", (1.0, 1.0), (0.3, 0.3), 1.0, 0.05, friction)
+    plant = Plant(build("open", loose=(box,)), Config())
+    plant.reset(np.zeros(3))
+    start = plant.loose_truth().position_m[0, 0]
+    dof = plant.model.body("obstacle_loose_01").dofadr[0]
+    plant.data.qvel[dof] = 1.0
+    for _ in range(100):
+        plant.step(np.zeros(2))
+    slid = plant.loose_truth().position_m[0, 0] - start
+    assert slid == pytest.approx(1.0 / (2.0 * friction * 9.81), rel=0.05)
+
+
 def test_ramps_are_driven_up_and_their_height_is_reached():
     ramp = Ramp((0.5, 0.0), 0.08, 0.8, top_m=2.0, width_m=1.5)
     plant = Plant(build("open", terrain=Terrain(ramps=(ramp,))), Config())
@@ -216,6 +281,15 @@ def test_two_plants_of_one_world_keep_their_own_step():
         ("[terrain.height_field]\nmin_m=[1,1]\nmax_m=[0,2]\nrms_m=0.01", "min_m"),
         ("[terrain.height_field]\nmin_m=[0,0]\nmax_m=[1,2]", "image"),
         ("[terrain.height_field]\nmin_m=[0,0]\nmax_m=[90,2]\nrms_m=0.01", "1001"),
+        (
+            "[terrain.height_field]\nmin_m=[0,0]\nmax_m=[2,2]\nrms_m=0.01\n"
+            "correlation_m=9.0\ncell_m=0.02",
+            "correlation_m",
+        ),
+        (
+            '[terrain.height_field]\nmin_m=[0,0]\nmax_m=[1,2]\nheight_m=0.1\nimage="a\\u0000.png"',
+            "name of a file",
+        ),
         ("[[terrain.ramps]]\nposition_m=[1,1]\nheight_m=0.1", "up_m"),
         ("[[terrain.steps]]\nposition_m=[1,1]\nheight_m=0.1\nsize=[1,1]", "size"),
         ("[[terrain.hills]]\nposition_m=[1,1]", "hills"),

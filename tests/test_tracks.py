@@ -173,6 +173,8 @@ def test_the_tracks_truth_is_the_motions_own():
     assert motion == pytest.approx(truth.velocity_body[[0, 1, 5]], rel=1e-6)
     assert tracks.wheel_load_n.sum() == pytest.approx(WEIGHT_N, rel=0.01)
     assert tracks.slip_mps[0] > 0 > tracks.slip_mps[1]  # the inner track brakes
+    over_ground = truth.velocity_body[0] - truth.velocity_body[5] * np.array([0.195, -0.195])
+    assert tracks.slip_mps == pytest.approx(over_ground - belts, abs=1e-5)
     assert tracks.shear_work_j > 0.1
     assert np.isnan(plant_on_plane().track_truth().icr_m).all()
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import Literal
 
 import mujoco
 import numpy as np
@@ -14,6 +15,11 @@ from simloop.certify.rig import GRAVITY_MPS2, RADIUS_M, Bench, Block, Rig
 from simloop.config import FrictionZone
 
 _SEED = 20261125
+_BEARINGS: tuple[tuple[str, Literal["rail", "pivot"], float], ...] = (
+    ("sled", "rail", 5.0),
+    ("turntable", "pivot", 0.2),
+)
+"""Name, bearing and mass, kg, of what is so large that no manoeuvre leaves it."""
 
 
 def energy() -> Iterator[Check]:
@@ -22,15 +28,40 @@ def energy() -> Iterator[Check]:
     for step in (0.001, 0.002, 0.005):
         for number in range(4):
             pitch = float(rng.uniform(-0.2, 0.2))
-            bench = Rig(step_s=step, friction=float(rng.uniform(0.3, 0.9)), pitch_rad=pitch).build()
-            before = _mechanical(bench)
-            for _ in range(12):
-                left, right = rng.uniform(-24.0, 24.0, 2)
-                bench.drive((left, right), float(rng.uniform(0.1, 0.5)))
-            work = bench.plant.work_j()
-            spent = _mechanical(bench) - before + work[1] + work[2]
-            name = f"random manoeuvre {number}, step {step * 1e3:g} ms"
-            yield relative("energy", name, float(spent), float(work[3]), 0.01, "J")
+            rig = Rig(step_s=step, friction=float(rng.uniform(0.3, 0.9)), pitch_rad=pitch)
+            yield _balance(f"random manoeuvre {number}, step {step * 1e3:g} ms", rig, rng)
+        tilted = Rig(
+            step_s=step,
+            wheels=int(rng.integers(4, 11)),
+            friction=float(rng.uniform(0.2, 1.0)),
+            pitch_rad=float(rng.uniform(-0.2, 0.2)),
+            roll_rad=float(rng.uniform(-0.2, 0.2)),
+            payload_kg=5.0,
+            payload_m=(0.05, -0.04, 0.15),
+        )
+        name = f"with brakes, payload and side slope, step {step * 1e3:g} ms"
+        yield _balance(name, tilted, rng, brakes=0.3)
+        for label, bearing, mass in _BEARINGS:
+            under = Block((0.0, 0.0, -0.05), (6.0, 6.0, 0.05), 0.0, mass, bearing=bearing)
+            moving = Rig(step_s=step, blocks=(under,), floor=False)
+            yield _balance(f"on a {label}, step {step * 1e3:g} ms", moving, rng)
+
+
+def _balance(name: str, rig: Rig, rng: np.random.Generator, brakes: float = 0.0) -> Check:
+    """The shafts' work against all that became of it. brakes: how often they are on."""
+    bench = rig.build()
+    before = _mechanical(bench)
+    for _ in range(12):
+        left, right = rng.uniform(-24.0, 24.0, 2)
+        bench.plant.brake(bool(rng.random() < brakes) if brakes else False)
+        bench.drive((left, right), float(rng.uniform(0.1, 0.5)))
+    return _balanced("energy", name, bench, before)
+
+
+def _balanced(group: str, name: str, bench: Bench, before_j: float) -> Check:
+    work = bench.plant.work_j()
+    spent = _mechanical(bench) - before_j + work[1] + work[2]
+    return relative(group, name, float(spent), float(work[3]), 0.01, "J")
 
 
 def _mechanical(bench: Bench) -> float:
@@ -107,15 +138,50 @@ def loose() -> Iterator[Check]:
         pull = float(np.mean(thrusts))  # MuJoCo's own friction makes the box hop as it slides
         expected = friction * mass * GRAVITY_MPS2
         yield relative("loose box", f"{mass:g} kg: thrust", pull, expected, 0.02, "N")
-    sled = Block((0.0, 0.0, -0.05), (1.0, 0.5, 0.05), 0.0, 5.0, on_rails=True)
-    bench = Rig(blocks=(sled,), floor=False).build()
-    bench.drive((12.0, 12.0), 0.6)
+    yield from _sled()
+    yield from _turntable()
+
+
+def _sled() -> Iterator[Check]:
+    """What the vehicle gains, whatever it stands on gives; a zone is of the ground, not of that."""
+    sled = Block((0.0, 0.0, -0.05), (1.0, 0.5, 0.05), 0.0, 5.0, bearing="rail")
+    ice = FrictionZone((-9.0, -9.0), (9.0, 9.0), 0.05)
+    bench = Rig(blocks=(sled,), floor=False, tracks={"zones": (ice,)}).build()
+    before = _mechanical(bench)
+    bench.drive((20.0, 20.0), 0.2)
+    yield _balanced("loose sled", "shafts' work, while it speeds up", bench, before)
     data, model = bench.plant.data, bench.plant.model
     sled_v = float(data.qvel[model.jnt_dofadr[-1]])
     # The sled's joint stands last; the sprockets' spin carries no momentum along x.
-    vehicle = bench.mass_kg * bench.truth.velocity_body[0]
+    vehicle = bench.mass_kg * float(bench.truth.velocity_body[0])
     name = "sled's momentum to the vehicle's"
-    yield relative("loose sled", name, -5.0 * sled_v, float(vehicle), 0.001, "N s")
+    yield relative("loose sled", name, -5.0 * sled_v, vehicle, 0.001, "N s")
+    pulled = bool(vehicle > 0.05 * bench.weight_n * 0.2)
+    yield verdict("loose sled", "pulls more than the ice below would let it", pulled, True)
+
+
+def _turntable() -> Iterator[Check]:
+    """As light as the vehicle, so that it turns the other way as fast: only their difference
+    counts for the spin ratio."""
+    table = Block((0.0, 0.0, -0.05), (0.8, 0.8, 0.05), 0.0, 0.5, bearing="pivot")
+    bench = Rig(blocks=(table,), floor=False).build()
+    before = _mechanical(bench)
+    bench.drive((-12.0, 12.0), 0.2)
+    yield _balanced("turntable", "shafts' work, while it speeds up", bench, before)
+    data, model = bench.plant.data, bench.plant.model
+    mujoco.mj_subtreeVel(model, data)
+    base = model.body("base_link").id
+    at, speed = data.subtree_com[base], data.subtree_linvel[base]
+    own = float(data.subtree_angmom[base][2])
+    own += bench.mass_kg * float(at[0] * speed[1] - at[1] * speed[0])
+    other = float(data.subtree_angmom[model.body("loose_0").id][2])
+    name = "its angular momentum to the vehicle's"
+    yield relative("turntable", name, -other, own, 0.001, "N m s")
+    bench.drive((-12.0, 12.0), 1.0)
+    left, right = bench.belts_mps()
+    turned = bench.motion()[2] - float(data.qvel[model.jnt_dofadr[-1]])
+    chi = turned * bench.rig.gauge_m / (right - left)
+    yield relative("turntable", "spin ratio on it", chi, theory.spin_ratio(0.415, 0.39), 0.005)
 
 
 def steps() -> Iterator[Check]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -42,19 +43,32 @@ def slip_curve() -> Iterator[Check]:
             expected = theory.drawbar_ratio(got, 0.415, MODULUS_M)
             name = f"winch, slip {slip}, {wheels} wheels: pull / mu W"
             yield relative("slip curve", name, pull, expected, 0.02)
-    for step in (0.001, 0.005):
-        pull, got = _winched(Rig(step_s=step, open_circuit=True), 0.01)
+    for name, rig, slip, belt in _other_winches():
+        pull, got = _winched(rig, slip, belt)
         expected = theory.drawbar_ratio(got, 0.415, MODULUS_M)
-        name = f"winch, slip 0.01, step {step * 1e3:g} ms"
-        yield relative("slip curve", name, pull, expected, 0.02)
+        yield relative("slip curve", f"{name}: winch, slip {slip}", pull, expected, 0.02)
 
 
-def _winched(rig: Rig, slip: float) -> tuple[float, float]:
-    """Pull over mu W, and the slip, at a speed that nothing changes; the belts run on."""
+def _other_winches() -> Iterator[tuple[str, Rig, float, float]]:
+    """Backwards, pushed instead of pulled, other ground, speeds and steps."""
+    for slip in (-0.003, -0.03, -0.5):
+        yield "pushed", Rig(open_circuit=True), slip, _BELT_MPS
+    for slip in (0.01, -0.01):
+        yield "backwards", Rig(open_circuit=True), slip, -_BELT_MPS
+    for friction in (0.2, 1.0):
+        yield f"mu {friction}", Rig(friction=friction, open_circuit=True), 0.01, _BELT_MPS
+    for sprocket in (1.0, 12.0):
+        yield f"{sprocket:g} rad/s", Rig(open_circuit=True), 0.01, sprocket * RADIUS_M
+    for step in (0.001, 0.005):
+        yield f"step {step * 1e3:g} ms", Rig(step_s=step, open_circuit=True), 0.01, _BELT_MPS
+
+
+def _winched(rig: Rig, slip: float, belt_mps: float = _BELT_MPS) -> tuple[float, float]:
+    """Pull over mu W the way the belts run, and the slip, at a speed that nothing changes."""
     bench = rig.build()
-    bench.run_belts(_BELT_MPS, _BELT_MPS)
-    bench.hold(_BELT_MPS * (1.0 - slip), 4.0)
-    pull = float(bench.plant.tracks.track_force.sum())
+    bench.run_belts(belt_mps, belt_mps)
+    bench.hold(belt_mps * (1.0 - slip), max(4.0, 0.8 / abs(belt_mps)))
+    pull = math.copysign(1.0, belt_mps) * float(bench.plant.tracks.track_force.sum())
     return pull / (rig.friction * bench.weight_n), _slip(bench)
 
 
@@ -122,3 +136,39 @@ def motors() -> Iterator[Check]:
     before = bench.truth.energy_j
     bench.drive((0.0, 0.0), 2.0)
     yield absolute("at rest", "energy drawn in 2 s", bench.truth.energy_j - before, 0.0, 1e-6, "J")
+
+
+def free_wheels() -> Iterator[Check]:
+    """In the air J dw/dt = k I - gear friction (form 7), up to the no-load speed; and coasting."""
+    motor = MotorConfig()
+    gear = motor.no_load_current_a * motor.torque_nm_per_a
+    for volts in (24.0, -24.0):
+        bench = Rig(floor=False).build()
+        inertia = bench.sprocket_inertia_kgm2()
+        bench.drive((volts, volts), 0.03)
+        torque = motor.torque_nm_per_a * motor.current_limit_a - gear
+        expected = math.copysign(torque / inertia * 0.03, volts)
+        got = float(bench.truth.sprocket_radps[0])
+        name = f"{volts:g} V: at the current's limit for 30 ms"
+        yield relative("free wheels", name, got, expected, 0.02, "rad/s")
+        bench.drive((volts, volts), 1.0)
+        speed = theory.motor_speed(
+            24.0, gear, motor.resistance_ohm, motor.torque_nm_per_a, motor.back_emf_v_per_radps
+        )
+        got = abs(float(bench.truth.sprocket_radps[0]))
+        yield relative("free wheels", f"{volts:g} V: no-load speed", got, speed, 0.005, "rad/s")
+        current = abs(float(bench.truth.motor_current_a[0]))
+        expected = motor.no_load_current_a
+        yield relative("free wheels", f"{volts:g} V: no-load current", current, expected, 0.01, "A")
+    for rolling in (0.0, 0.02, 0.1):
+        bench = Rig(open_circuit=True, rolling_resistance=rolling).build()
+        inertia = bench.sprocket_inertia_kgm2()
+        bench.push_off(0.45)
+        bench.drive((0.0, 0.0), 0.1)
+        before = bench.motion()[0]
+        bench.drive((0.0, 0.0), 0.2)
+        drag = 2.0 * gear / RADIUS_M + rolling * bench.weight_n
+        expected = drag / (bench.mass_kg + 2.0 * inertia / RADIUS_M**2)
+        name = f"coasting, rolling resistance {rolling}"
+        got = (before - bench.motion()[0]) / 0.2
+        yield relative("free wheels", name, got, expected, 0.02, "m/s2")

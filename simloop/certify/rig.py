@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Literal
 
 import mujoco
 import numpy as np
@@ -37,14 +38,14 @@ _ROUGH_CELLS = 201
 @dataclass(frozen=True, slots=True)
 class Block:
     """A box on or in the ground: centre, half sizes, m; pitch, rad; mass_kg > 0 makes it loose,
-    on_rails lets it move along x alone."""
+    a rail lets it move along x alone, a pivot turn about z alone."""
 
     centre_m: tuple[float, float, float]
     half_m: tuple[float, float, float]
     pitch_rad: float = 0.0
     mass_kg: float = 0.0
     friction: float = 0.5
-    on_rails: bool = False
+    bearing: Literal["none", "rail", "pivot"] = "none"
     name: str = "ground_block"
 
 
@@ -99,6 +100,12 @@ class Rig:
         cell = self.length_m / self.wheels
         return 0.5 * self.length_m - cell * (np.arange(self.wheels, dtype=np.float64) + 0.5)
 
+    def gravity(self) -> FloatArray:
+        """(3,) m/s^2, as the tilts turn it."""
+        cos = math.cos(self.pitch_rad)
+        across, down = math.sin(self.roll_rad) * cos, math.cos(self.roll_rad) * cos
+        return -GRAVITY_MPS2 * np.array([math.sin(self.pitch_rad), across, down])
+
 
 class Bench:
     """A rig's plant with the hands to drive, tow and measure it."""
@@ -106,6 +113,9 @@ class Bench:
     def __init__(self, rig: Rig, friction: float, settle_s: float) -> None:
         self.rig = rig
         self.plant = Plant(_model(rig), rig.config(friction))
+        self._belts_mps: tuple[float, float] | None = None
+        joints = [self.plant.model.joint(f"sprocket_{side}_joint") for side in ("left", "right")]
+        self._sprockets = [int(joint.dofadr[0]) for joint in joints]
         self.mass_kg = float(self.plant.model.body_subtreemass[self._base_id()])
         self.weight_n = self.mass_kg * GRAVITY_MPS2
         self.truth: Truth = self.plant.reset(np.zeros(3), settle_s, rig.braked)
@@ -125,15 +135,32 @@ class Bench:
         for _ in range(round(seconds / CONTROL_S)):
             if each is not None:
                 each(self)
+            self._keep_belts()
             self.truth = self.plant.step(np.array(volts, dtype=np.float64))
         return self.truth
 
     def run_belts(self, left_mps: float, right_mps: float) -> None:
-        """Make the sprockets so heavy that the belts keep these speeds whatever resists."""
-        for side, speed in (("left", left_mps), ("right", right_mps)):
-            dof = self.plant.model.joint(f"sprocket_{side}_joint").dofadr[0]
-            self.plant.model.dof_armature[dof] = _HEAVY_KGM2
-            self.plant.data.qvel[dof] = speed / RADIUS_M
+        """Make the sprockets so heavy that the belts keep these speeds whatever resists; what a
+        control period takes from them all the same is given back before the next."""
+        self._belts_mps = (left_mps, right_mps)
+        self.plant.model.dof_armature[self._sprockets] = _HEAVY_KGM2
+        self._keep_belts()
+
+    def _keep_belts(self) -> None:
+        if self._belts_mps is not None:
+            self.plant.data.qvel[self._sprockets] = np.array(self._belts_mps) / RADIUS_M
+
+    def sprocket_inertia_kgm2(self) -> float:
+        """Of one sprocket about its axle, with its motor's rotor."""
+        model = self.plant.model
+        joint = model.joint("sprocket_left_joint")
+        own = float(model.body_inertia[joint.bodyid[0]].max())
+        return own + float(model.dof_armature[joint.dofadr[0]])
+
+    def push_off(self, speed_mps: float) -> None:
+        """The vehicle and its belts at one speed along x."""
+        self.plant.data.qvel[0] = speed_mps
+        self.plant.data.qvel[self._sprockets] = speed_mps / RADIUS_M
 
     def lock_belts(self) -> None:
         """Belts that cannot move."""
@@ -157,6 +184,27 @@ class Bench:
 
         self.drive((volts, volts), seconds, pull)
 
+    def swing(self, yaw_rate: float, seconds: float) -> float:
+        """Turn the vehicle by hand, with belts that keep pace: the tracks' moment, N m, about z."""
+        pace = 0.5 * self.rig.gauge_m * yaw_rate
+        self.run_belts(-pace, pace)
+        self.plant.model.dof_armature[5] = _HEAVY_KG
+
+        def turn(it: Bench) -> None:
+            it.plant.data.qvel[5] = yaw_rate
+
+        self.drive((0.0, 0.0), seconds, turn)
+        return float(self.plant.data.xfrc_applied[self._base_id(), 5])
+
+    def drive_without_yaw(self, seconds: float) -> None:
+        """Let the belts run on while something keeps the vehicle from turning."""
+        self.plant.model.dof_armature[5] = _HEAVY_KG
+
+        def straight(it: Bench) -> None:
+            it.plant.data.qvel[5] = 0.0
+
+        self.drive((0.0, 0.0), seconds, straight)
+
     def motion(self) -> tuple[float, float, float]:
         """v_x, v_y, yaw rate in base_link."""
         v = self.truth.velocity_body
@@ -173,11 +221,16 @@ class Bench:
         return float(self.truth.velocity_body[5]) * self.rig.gauge_m / (right - left)
 
     def cells(self, fine: int = 50) -> theory.Cells:
-        """The belts as theory has them, with the loads of beam statics spread about each wheel."""
+        """The belts as theory has them, with the loads of beam statics spread about each wheel.
+
+        On a slope the weight bears where its line through the centre of gravity meets the ground.
+        """
         x, rig = self.rig.support_x(), self.rig
-        centre = self.centre_m
+        down = rig.gravity() / GRAVITY_MPS2
+        centre = self.centre_m - down * self.centre_m[2] / down[2]
         places = [(at, side * 0.5 * rig.gauge_m) for side in (1, -1) for at in x]
-        loads = theory.support_loads(np.array(places), self.weight_n, (centre[0], centre[1]))
+        weight = -down[2] * self.weight_n
+        loads = theory.support_loads(np.array(places), weight, (centre[0], centre[1]))
         cell = rig.length_m / (rig.wheels * fine)
         places_x = np.arange(rig.wheels * fine, dtype=np.float64)
         fine_x = 0.5 * rig.length_m - cell * (places_x + 0.5)
@@ -205,13 +258,7 @@ def _model(rig: Rig) -> mujoco.MjModel:
     add_payload(spec, PayloadConfig(rig.payload_kg, rig.payload_m))
     for number, block in enumerate(rig.blocks):
         _add_block(spec, block, number)
-    sin, cos = math.sin(rig.pitch_rad), math.cos(rig.pitch_rad)
-    side = math.sin(rig.roll_rad) * cos
-    spec.option.gravity = [
-        -GRAVITY_MPS2 * sin,
-        -GRAVITY_MPS2 * side,
-        -GRAVITY_MPS2 * math.cos(rig.roll_rad) * cos,
-    ]
+    spec.option.gravity = rig.gravity().tolist()
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     if rig.native_belts_mps is not None:
@@ -262,15 +309,17 @@ def _add_block(spec: mujoco.MjSpec, block: Block, number: int) -> None:
     holder = spec.worldbody
     if loose:
         holder = spec.worldbody.add_body(name=name, pos=list(block.centre_m), quat=half)
-        if block.on_rails:
+        if block.bearing == "rail":
             holder.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1.0, 0.0, 0.0])
+        elif block.bearing == "pivot":
+            holder.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0.0, 0.0, 1.0])
         else:
             holder.add_freejoint()
     geom = holder.add_geom(
         name=name, type=mujoco.mjtGeom.mjGEOM_BOX, size=list(block.half_m), contype=1
     )
     geom.friction = [block.friction, 0.005, 0.0001]
-    geom.conaffinity = 3 if loose and not block.on_rails else 0
+    geom.conaffinity = 3 if loose and block.bearing == "none" else 0
     if loose:
         geom.mass = block.mass_kg
     else:

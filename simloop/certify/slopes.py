@@ -13,6 +13,7 @@ from simloop.certify.rig import CONTROL_S, GRAVITY_MPS2, RADIUS_M, Bench, Rig
 from simloop.config import MotorConfig
 
 CREEP_MPS = 1e-3
+MODULUS_M = 0.001
 _REARED_RAD = 0.02
 _TILT_RADPS = 0.005
 
@@ -27,7 +28,7 @@ def _crept(bench: Bench, seconds: float = 1.0) -> float:
 
 def braked(group: str = "brakes on") -> Iterator[Check]:
     """With brakes on it stays on any slope below atan(mu), and slides beyond it (form 6)."""
-    for friction in (0.2, 0.4, 0.6, 0.8):
+    for friction in (0.2, 0.4, 0.6, 0.8, 1.0):
         limit = theory.holding_angle(friction)
         for share in (0.5, 0.9, 0.98):
             for label, rig in _tilted(friction, share * limit):
@@ -89,36 +90,69 @@ def climbing() -> Iterator[Check]:
         yield verdict("climbing", name, bench.motion()[0] > 0.0, climbs)
 
 
+def driven() -> Iterator[Check]:
+    """At a set belt speed up, down and across a slope: it slips, or drifts, just so much that the
+    shear, which theory has for that motion, carries the weight along the slope (forms 5, 6)."""
+    for friction in (0.2, 0.6, 1.0):
+        for share in (0.5, 0.9):
+            for label, rig in _tilted(friction, share * theory.holding_angle(friction)):
+                bench = rig.build()
+                bench.plant.brake(False)
+                bench.run_belts(0.2, 0.2)
+                bench.drive_without_yaw(3.0)
+                cells, weight = bench.cells(), bench.mass_kg * rig.gravity()[:2]
+                motion = np.array(bench.motion())
+                belts = bench.belts_mps()
+                force = theory.track_forces(motion, belts, cells, friction, MODULUS_M)
+                steep = float(np.hypot(*weight))
+                name = f"mu {friction}, {label}, {share:g} atan(mu)"
+                along = -float(force[:2] @ weight) / steep
+                yield relative("driven on slopes", f"{name}: shear", along, steep, 0.02, "N")
+                across = float(force[0] * weight[1] - force[1] * weight[0]) / steep**2
+                yield absolute("driven on slopes", f"{name}: across it", across, 0.0, 0.02)
+
+
 def braking() -> Iterator[Check]:
-    """Locked belts at speed: the deceleration is mu g cos(t) - g sin(t) (form 6)."""
-    for friction in (0.2, 0.5, 0.8):
+    """Locked belts at speed, and the brakes: it slows by mu g cos(t) - g sin(t) (form 6)."""
+    for friction in (0.2, 0.5, 0.8, 1.0):
         for pitch in (-0.1, 0.0, 0.1):
-            bench = Rig(friction=friction, pitch_rad=pitch).build()
-            bench.lock_belts()
-            bench.plant.data.qvel[0] = 1.5
-            bench.drive((0.0, 0.0), 0.03)
-            before = bench.motion()[0]
-            bench.drive((0.0, 0.0), 0.1)
-            got = (before - bench.motion()[0]) / 0.1
-            expected = -theory.sliding_acceleration(friction, -pitch)
-            name = f"mu {friction}, slope {pitch:g} rad"
-            yield relative("braking", name, got, expected, 0.02, "m/s2")
+            for way, brakes in ((1.0, False), (-1.0, False), (1.0, True), (-1.0, True)):
+                bench = Rig(friction=friction, pitch_rad=pitch).build()
+                bench.push_off(2.0 * way)
+                if brakes:
+                    bench.plant.brake(True)
+                else:
+                    bench.lock_belts()
+                bench.drive((0.0, 0.0), 0.05)
+                before = bench.motion()[0]
+                bench.drive((0.0, 0.0), 0.1)
+                got = way * (before - bench.motion()[0]) / 0.1
+                expected = -theory.sliding_acceleration(friction, -pitch * way)
+                name = f"mu {friction}, slope {pitch:g} rad, {'on' if way > 0.0 else 'back'}wards"
+                name += ", brakes put on" if brakes else ", belts locked"
+                yield relative("braking", name, got, expected, 0.02, "m/s2")
 
 
 def tipping() -> Iterator[Check]:
-    """Tilted ever more, it rears over its rearmost wheels at tan(t) = x/h (form 6)."""
-    rig = Rig(friction=1.5, payload_kg=10.0, payload_m=(0.0, 0.0, 0.35), braked=True)
-    bench = rig.build()
-    centre = bench.centre_m
-    limit = theory.tipping_angle(float(centre[0] - rig.support_x()[-1]), float(centre[2]))
-    angle, reared = 0.9 * limit, False
-    while angle < 1.1 * limit and not reared:
-        angle += _TILT_RADPS * CONTROL_S
-        bench.plant.model.opt.gravity[:] = (
-            -GRAVITY_MPS2 * math.sin(angle),
-            0.0,
-            -GRAVITY_MPS2 * math.cos(angle),
-        )
-        bench.drive((0.0, 0.0), CONTROL_S)
-        reared = abs(bench.truth.quaternion_wxyz[2]) > 0.5 * _REARED_RAD
-    yield relative("tipping", "angle at which it rears", angle, limit, 0.02, "rad")
+    """Tilted ever more, it rears over its outermost wheels at tan(t) = x/h (form 6)."""
+    for label, way in (
+        ("nose up", (-1.0, 0.0)),
+        ("nose down", (1.0, 0.0)),
+        ("left up", (0.0, -1.0)),
+        ("right up", (0.0, 1.0)),
+    ):
+        rig = Rig(friction=1.5, payload_kg=10.0, payload_m=(0.03, 0.02, 0.35), braked=True)
+        bench = rig.build()
+        centre = bench.centre_m
+        edge = np.array([rig.support_x()[0], 0.5 * rig.gauge_m])
+        distance = float((edge - np.array(way) * centre[:2]) @ np.abs(way))
+        limit = theory.tipping_angle(distance, float(centre[2]))
+        angle, reared = 0.9 * limit, False
+        while angle < 1.1 * limit and not reared:
+            angle += _TILT_RADPS * CONTROL_S
+            along = math.sin(angle) * np.array(way)
+            gravity = GRAVITY_MPS2 * np.array([*along, -math.cos(angle)])
+            bench.plant.model.opt.gravity[:] = gravity
+            bench.drive((0.0, 0.0), CONTROL_S)
+            reared = np.abs(bench.truth.quaternion_wxyz[1:3]).max() > 0.5 * _REARED_RAD
+        yield relative("tipping", f"{label}: angle at which it rears", angle, limit, 0.02, "rad")

@@ -11,6 +11,13 @@ from simloop.certify.checks import Check, absolute, relative
 from simloop.certify.rig import RADIUS_M, Bench, Rig
 
 MODULUS_M = 0.001
+_CORNERS = (
+    (0.7, 10, 0.2, 12.0, 0.005),
+    (0.7, 4, 1.0, 0.5, 0.001),
+    (2.5, 10, 1.0, 12.0, 0.001),
+    (2.5, 5, 0.2, 0.5, 0.005),
+)
+"""L/B, wheels, friction, sprockets' speed, step: the ranges' ends met together."""
 
 
 def _spun(rig: Rig, sprocket_radps: float = 4.0) -> Bench:
@@ -18,7 +25,7 @@ def _spun(rig: Rig, sprocket_radps: float = 4.0) -> Bench:
     bench = rig.build()
     belt = sprocket_radps * RADIUS_M
     bench.run_belts(-belt, belt)
-    bench.drive((0.0, 0.0), max(1.0, 0.4 / sprocket_radps * 4.0))
+    bench.drive((0.0, 0.0), max(1.0, 1.6 / abs(sprocket_radps)))
     return bench
 
 
@@ -41,20 +48,62 @@ def spin() -> Iterator[Check]:
         length = ratio * 0.39
         chi = _spun(Rig(length_m=length)).spin_ratio()
         yield relative("spin", f"L/B {ratio}", chi, theory.spin_ratio(length, 0.39), 0.01)
+    yield relative("spin", "clockwise", _spun(Rig(), -4.0).spin_ratio(), ours, 0.005)
+    for ratio, wheels, friction, speed, step in _CORNERS:
+        length = ratio * 0.39
+        rig = Rig(length_m=length, wheels=wheels, friction=friction, step_s=step)
+        name = f"{wheels} wheels, L/B {ratio}, mu {friction}, {speed:g} rad/s, {step * 1e3:g} ms"
+        chi = _spun(rig, speed).spin_ratio()
+        yield relative("spin", name, chi, theory.spin_ratio(length, 0.39), 0.01)
+
+
+def _turns() -> Iterator[tuple[str, Rig, tuple[float, float]]]:
+    """Steady turns: the ratio of the belts for our vehicle, then all else at one ratio."""
+    for inner in (-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 0.9):
+        yield f"inner/outer {inner:g}", Rig(), (inner * 0.12, 0.12)
+    belts = (0.03, 0.12)
+    yield "to the right", Rig(), belts[::-1]
+    yield "backwards", Rig(), (-belts[0], -belts[1])
+    yield "backwards, to the right", Rig(), (-belts[1], -belts[0])
+    for friction in (0.2, 0.4, 0.8, 1.0):
+        yield f"mu {friction}", Rig(friction=friction), belts
+    for sprocket in (0.5, 12.0):
+        yield f"outer sprocket {sprocket:g} rad/s", Rig(), (0.009 * sprocket, 0.037 * sprocket)
+    for step in (0.001, 0.005):
+        yield f"step {step * 1e3:g} ms", Rig(step_s=step), belts
+    for wheels in (4, 10):
+        yield f"{wheels} road wheels a side", Rig(wheels=wheels), belts
+    for ratio in (0.7, 1.7, 2.5):
+        yield f"L/B {ratio}", Rig(length_m=ratio * 0.39), belts
 
 
 def steady() -> Iterator[Check]:
     """Yaw rate and speed of steady turns against two force balances and one of moments (form 3)."""
-    for inner in (-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 0.9):
-        bench = Rig().build()
-        belts = (inner * 0.12, 0.12)
+    for name, rig, belts in _turns():
+        bench, outer = rig.build(), max(map(abs, belts))
         bench.run_belts(*belts)
-        bench.drive((0.0, 0.0), 4.0)
-        v_x, _, yaw_rate = theory.steady_turn(belts, bench.cells(), 0.6, MODULUS_M)
+        bench.drive((0.0, 0.0), max(2.0, 0.3 / outer))
+        v_x, _, yaw_rate = theory.steady_turn(belts, bench.cells(), rig.friction, MODULUS_M)
         got_x, _, got_rate = bench.motion()
-        name = f"inner/outer {inner:g}"
         yield relative("steady turn", f"{name}: yaw rate", got_rate, yaw_rate, 0.02, "rad/s")
-        yield absolute("steady turn", f"{name}: speed", got_x, v_x, 0.02 * 0.12, "m/s")
+        yield absolute("steady turn", f"{name}: speed", got_x, v_x, 0.02 * outer, "m/s")
+
+
+def sideways() -> Iterator[Check]:
+    """Turned by hand, its belts just keeping pace: they slip sideways alone, mu W L/4 (form 4).
+
+    The form is Coulomb's: with the brush's own modulus shear builds up over the first millimetres.
+    """
+    stiff: dict[str, object] = {"shear_modulus_m": 0.2 * MODULUS_M}
+    for ratio, wheels, friction in ((0.7, 6, 0.6), (1.06, 4, 0.2), (1.06, 10, 1.0), (2.5, 6, 0.6)):
+        rig = Rig(length_m=ratio * 0.39, wheels=wheels, friction=friction, tracks=stiff)
+        bench = rig.build()
+        for rate in (0.5, -0.5):
+            moment = bench.swing(rate, 1.0)
+            most = theory.sideways_moment(friction, bench.weight_n, rig.length_m)
+            name = f"L/B {ratio}, {wheels} wheels, mu {friction}, {rate:g} rad/s"
+            expected = -most if rate > 0.0 else most
+            yield relative("turning moment", name, moment, expected, 0.02, "N m")
 
 
 def payload() -> Iterator[Check]:
