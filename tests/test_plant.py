@@ -8,7 +8,7 @@ import pytest
 from vehicles import plant_on_plane
 
 from simloop.arena import build
-from simloop.config import Config
+from simloop.config import Config, MotorConfig
 from simloop.obstacles import Obstacle
 from simloop.plant import Plant
 
@@ -127,3 +127,43 @@ def test_rays_pass_through_every_part_of_the_robot():
     for origin in origins:  # each on its own: they are too far apart for one control period
         down = plant.cast(origin[None], np.array([[0.0, 0.0, -1.0]]), 1.0)
         assert down[0] == pytest.approx(0.3, abs=1e-6)
+
+
+def test_the_driver_pays_for_no_more_than_it_lets_through():
+    """Stalled at its current's limit: the battery gives R I^2, whatever voltage was asked for."""
+    config = Config()
+    energies = []
+    for volts in (16.0, 24.0):
+        plant = plant_on_plane(config)
+        plant.model.dof_armature[6:8] = 1e9  # sprockets that nothing turns
+        before = plant.step(np.array([volts, volts])).energy_j
+        for _ in range(100):
+            truth = plant.step(np.array([volts, volts]))
+        assert np.abs(truth.motor_current_a) == pytest.approx(config.motor.current_limit_a)
+        energies.append(truth.energy_j - before)
+    copper = 2.0 * config.motor.resistance_ohm * config.motor.current_limit_a**2
+    assert energies == pytest.approx([copper, copper], rel=1e-3)
+
+
+def test_the_rotors_inertia_is_the_configurations():
+    """Lifted off the ground, with friction alone against the torque: twice J, half the pace."""
+    paces = []
+    for inertia in (0.02, 0.04):
+        plant = plant_on_plane(Config(motor=MotorConfig(rotor_inertia_kgm2=inertia)))
+        plant.model.opt.gravity[:] = 0.0
+        plant.data.qpos[2] = 1.0
+        truth = plant.step(np.array([24.0, 24.0]))
+        paces.append(float(truth.sprocket_radps[0]))
+    assert paces[0] == pytest.approx(2.0 * paces[1], rel=0.01)
+
+
+def test_a_track_that_touches_a_wall_is_a_contact():
+    """A post as low as no hull reaches stands right before a track: its wheels touch it."""
+    model = build("open", [Obstacle("box", (0.5, 0.195), (0.1, 0.06), height_m=0.018)])
+    hulls = [i for i in range(model.ngeom) if model.geom(i).name.startswith("hull_")]
+    model.geom_conaffinity[hulls] = 0
+    plant = Plant(model, Config())
+    plant.reset(np.zeros(3))
+    for _ in range(150):
+        truth = plant.step(np.array([8.0, 8.0]))
+    assert truth.contact_count == 1

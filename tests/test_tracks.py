@@ -21,8 +21,9 @@ from simloop.config import (
     VehicleConfig,
 )
 from simloop.plant import Plant, road_wheels
+from simloop.track_kernel import _patch_of
 from simloop.track_theory import Icr, icr_motion
-from simloop.tracks import friction_at, friction_map, motor_current, track_parameters
+from simloop.tracks import friction_at, friction_map, motor_current, state_block, track_parameters
 
 VEHICLE = VehicleConfig()
 WEIGHT_N = 98.1
@@ -204,3 +205,16 @@ def test_a_payload_in_the_scenario_is_carried():
     load = plant.track_truth().wheel_load_n
     assert load.sum() == pytest.approx(WEIGHT_N + 4 * 9.81, rel=1e-3)
     assert load[0] > load[5] * 1.3
+
+
+def test_a_patch_is_known_again_by_its_normal_and_by_what_it_lies_on():
+    state = state_block(12)[0]
+    touched = state["touched"][:12]
+    touched[:] = 0.0
+    first = _patch_of(state, touched, 3, 0, 0.0, 0.0, 1.0)
+    state["mean"][3, first] = 5e-4  # strained
+    touched[3, first, 0] = 10.0
+    assert _patch_of(state, touched, 3, 0, 0.05, 0.0, 0.998) == first
+    on_a_sled = _patch_of(state, touched, 3, 7, 0.0, 0.0, 1.0)
+    assert on_a_sled != first and not state["mean"][3, on_a_sled].any()
+    assert _patch_of(state, touched, 3, 0, 1.0, 0.0, 0.0) != first  # a step's edge
