@@ -194,17 +194,20 @@ class LidarConfig:
 class EkfConfig:
     """Process noise as densities (per square root of a second), gates as probabilities.
 
-    gyro_bias_std: what a start-up calibration leaves. map_std_*: with what error a whole new view
+    What the tracks' centres of rotation walk is per square root of a metre of belt: gauge_ratio_walk
+    and, m, icr_walk. gyro_bias_std: what a start-up calibration leaves. map_std_*: with what error a whole new view
     enters the map, that of one scan's fit and of the cells' grain.
     """
 
     speed_walk: Positive = 0.1
     yaw_rate_walk: Positive = 1.0
-    lateral_walk: Positive = 0.01
+    lateral_walk: Positive = 0.006
     gyro_bias_walk: NonNegative = 2.0e-5
-    gauge_ratio_walk: NonNegative = 0.01
+    gauge_ratio_walk: NonNegative = 0.015
     gauge_ratio: Positive = 1.2
     gauge_ratio_std: Positive = 0.15
+    icr_walk: NonNegative = 0.005
+    icr_std_m: Positive = 0.03
     gyro_bias_std: Positive = 3.0e-3
     encoder_slip_mps: Positive = 0.003
     map_std_xy_m: NonNegative = 0.0012

@@ -136,9 +136,10 @@ class LidarScan(_Message):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate(_Message):
-    """The robot's belief. state: (7,) x, y, yaw, speed, yaw rate, gyro bias, gauge ratio k.
+    """The robot's belief. state: (9,) x, y, yaw, speed, yaw rate, gyro bias, gauge ratio k,
+    the offset of the tracks' centres of rotation to the left and of the vehicle's own to the front, m.
 
-    covariance: (7, 7). ``pose`` is base_link in map.
+    covariance: (9, 9). ``pose`` is base_link in map.
     """
 
     t_ns: int

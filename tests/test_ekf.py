@@ -17,14 +17,21 @@ from simloop.ekf import Ekf, PeriodicEkf
 from simloop.ekf_model import (
     BIAS,
     GAUGE,
+    ICR_X,
+    INPUTS,
+    NO_LEFT,
+    NO_RIGHT,
+    OFFSET,
     RATE,
     SLIPPING_VAR,
     SPEED,
+    STATES,
+    gyro_jacobian,
     motion,
     motion_jacobian,
     motion_noise,
-    wheels_and_gyro,
-    wheels_and_gyro_jacobian,
+    wheel_jacobian,
+    wheel_speed,
 )
 from simloop.messages import EncoderReading, ImuReading, PoseFix, Truth
 from simloop.se2 import wrap_angle
@@ -41,7 +48,15 @@ states = st.tuples(
     st.floats(-2, 2),
     st.floats(-0.01, 0.01),
     st.floats(1.0, 1.6),
+    st.floats(-0.05, 0.05),
+    st.floats(-0.1, 0.1),
 ).map(np.array)
+WALK = np.array([0.1, 1.0, 0.01, 2e-5, 0.015, 0.005, 0.005])
+NO_GATES = np.array([1e9, 1e9])
+
+
+def inputs_row(accel=0.0, wheels=(0.0, 0.0), gyro=0.0, wheel_var=1e-4, gyro_var=3e-6, shove=0.0):
+    return np.array([accel, DT, *wheels, gyro, wheel_var, wheel_var, gyro_var, shove, 0.0, 0.0])
 
 
 def finite_difference(function, x, h=1e-6):
@@ -56,19 +71,62 @@ def test_motion_jacobian(x, accel):
     np.testing.assert_allclose(motion_jacobian(x, accel, DT), numeric, atol=1e-7)
 
 
+@given(states, st.sampled_from([1.0, -1.0]))
+@settings(max_examples=60)
+def test_wheel_jacobian(x, side):
+    numeric = finite_difference(lambda s: np.array([wheel_speed(s, GAUGE_M, side)]), x)
+    np.testing.assert_allclose(wheel_jacobian(x, GAUGE_M, side), numeric[0], atol=1e-7)
+
+
 @given(states)
 @settings(max_examples=60)
-def test_wheels_and_gyro_jacobian(x):
-    numeric = finite_difference(lambda s: wheels_and_gyro(s, GAUGE_M), x)
-    np.testing.assert_allclose(wheels_and_gyro_jacobian(x, GAUGE_M), numeric, atol=1e-7)
+def test_belts_of_the_models_centres_of_rotation(x):
+    """v_x = (V_r y_l - V_l y_r) / (y_l - y_r), w = (V_r - V_l) / (y_l - y_r): Martinez 2005."""
+    y_l, y_r = x[OFFSET] + 0.5 * x[GAUGE] * GAUGE_M, x[OFFSET] - 0.5 * x[GAUGE] * GAUGE_M
+    left, right = wheel_speed(x, GAUGE_M, 1.0), wheel_speed(x, GAUGE_M, -1.0)
+    assert (right - left) / (y_l - y_r) == pytest.approx(x[RATE], abs=1e-9)
+    assert (right * y_l - left * y_r) / (y_l - y_r) == pytest.approx(x[SPEED], abs=1e-9)
 
 
 @given(states)
 @settings(max_examples=60)
 def test_process_noise_is_a_covariance(x):
-    noise = motion_noise(x, DT, np.array([0.6, 1.0, 0.01, 2e-5, 0.01]))
-    np.testing.assert_array_equal(noise, noise.T)
+    noise = motion_noise(x, DT, WALK, 1e-4)
+    np.testing.assert_allclose(noise, noise.T, rtol=0.0, atol=1e-20)
     assert np.linalg.eigvalsh(noise).min() > -1e-15
+
+
+def random_covariance(seed):
+    size = [0.1, 0.1, 0.05, 0.1, 0.2, 1e-3, 0.1, 0.02, 0.05]
+    root = np.random.default_rng(seed).normal(size=(STATES, STATES)) * size
+    return root.T @ root + 1e-8 * np.eye(STATES)
+
+
+def filterpys_step(kf, inputs, gates):
+    """The oracle: the base class itself, fed with the same models, one figure at a time."""
+    accel, _, *belts, gyro, wheel_var, _, gyro_var, shove, _, _ = inputs
+    x = kf.x
+    kf.F = motion_jacobian(x, accel, DT)
+    kf.Q = motion_noise(x, DT, WALK, shove)
+    kf.predict_x = lambda u=0: setattr(kf, "x", motion(x, accel, DT))
+    kf.predict()
+    row = gyro_jacobian()[None]
+    kf.update(np.array([gyro]), lambda _: row, lambda s: row @ s, np.array([[gyro_var]]))
+    rows = np.array([wheel_jacobian(kf.x, GAUGE_M, side) for side in (1.0, -1.0)])
+    off = np.array(belts) - [wheel_speed(kf.x, GAUGE_M, side) for side in (1.0, -1.0)]
+    spread = rows @ kf.P @ rows.T + wheel_var * np.eye(2)
+    alone = off**2 / np.diag(spread)
+    refused = np.zeros(2, bool)
+    if off @ np.linalg.solve(spread, off) > gates[1]:
+        refused = (alone == alone.max()) | (alone > gates[0])
+    for side, z, out in zip((1.0, -1.0), belts, refused, strict=True):
+        kf.update(
+            np.array([z]),
+            lambda s, side=side: wheel_jacobian(s, GAUGE_M, side)[None],
+            lambda s, side=side: np.array([wheel_speed(s, GAUGE_M, side)]),
+            np.array([[SLIPPING_VAR if out else wheel_var]]),
+        )
+    return refused
 
 
 @given(
@@ -81,32 +139,18 @@ def test_process_noise_is_a_covariance(x):
 )
 @settings(max_examples=60)
 def test_the_compiled_step_is_filterpys_predict_and_update(x, seed, accel, z, wheel_var, gate):
-    """The oracle is the base class itself, fed with the same models, one matrix at a time."""
-    root = np.random.default_rng(seed).normal(size=(7, 7)) * [0.1, 0.1, 0.05, 0.1, 0.2, 1e-3, 0.1]
-    covariance = root @ root.T + 1e-8 * np.eye(7)
-    walk, gyro_var = np.array([0.1, 1.0, 0.01, 2e-5, 0.01]), 3e-6
-    ours, theirs = (PeriodicEkf(dim_x=7, dim_z=3) for _ in range(2))
+    covariance, gates = random_covariance(seed), np.array([0.8 * gate, gate])
+    ours, theirs = (PeriodicEkf(dim_x=STATES, dim_z=3) for _ in range(2))
     for kf in (ours, theirs):
         kf.x, kf.P = x.copy(), covariance.copy()
-    given = (wheel_var, gyro_var, GAUGE_M, gate)
-    ours.predict_and_correct(walk, accel, DT, (z[0], z[1]), z[2], given)
-
-    theirs.F = motion_jacobian(x, accel, DT)
-    theirs.Q = motion_noise(x, DT, walk)
-    theirs.predict_x = lambda u=0: setattr(theirs, "x", motion(x, accel, DT))
-    theirs.predict()
-    noise = np.diag([wheel_var, wheel_var, gyro_var])
-    jacobian = wheels_and_gyro_jacobian(theirs.x, GAUGE_M)
-    residual = (z - wheels_and_gyro(theirs.x, GAUGE_M))[:2]
-    innovation = (jacobian @ theirs.P @ jacobian.T + noise)[:2, :2]
-    if residual @ np.linalg.solve(innovation, residual) > gate:
-        noise[:2, :2] = SLIPPING_VAR * np.eye(2)
-    theirs.update(z, wheels_and_gyro_jacobian, wheels_and_gyro, noise, (GAUGE_M,), (GAUGE_M,))
-
+    inputs = inputs_row(accel, (z[0], z[1]), z[2], wheel_var, shove=1e-5)
+    refused = filterpys_step(theirs, inputs, gates)
+    ours.predict_and_correct(inputs, WALK, GAUGE_M, gates)
+    assert [inputs[NO_LEFT], inputs[NO_RIGHT]] == refused.tolist()
     off = ours.x - theirs.x
     off[2] = wrap_angle(off[2])
-    np.testing.assert_allclose(off, 0.0, atol=1e-11)
-    np.testing.assert_allclose(ours.P, theirs.P, atol=1e-12 * np.abs(theirs.P).max() + 1e-13)
+    np.testing.assert_allclose(off, 0.0, atol=1e-10)
+    np.testing.assert_allclose(ours.P, theirs.P, atol=1e-11 * np.abs(theirs.P).max() + 1e-13)
     np.testing.assert_array_equal(ours.P, ours.P.T)
 
 
@@ -116,7 +160,7 @@ def test_a_belief_that_was_given_away_never_changes():
         before = kf.estimate()
         kept = before.state.copy(), before.covariance.copy()
         kf.advance(*reading(i * 10_000_000, 0.003 * i, 0.002 * i, rate=0.2))
-        kf.correct(PoseFix(0, np.array([0.3, 0.0, 0.0]), np.eye(3) * 1e-5, 1.0, True))
+        kf.correct(PoseFix(i * 10_000_000, np.array([0.3, 0.0, 0.0]), np.eye(3) * 1e-5, 1.0, True))
         np.testing.assert_array_equal(before.state, kept[0])
         np.testing.assert_array_equal(before.covariance, kept[1])
 
@@ -136,7 +180,7 @@ def simulate(seed, seconds=10.0):
     """A lively run with fixes, its encoders quantised: the belief in the end, and the truth."""
     rng, config = np.random.default_rng(seed), EkfConfig()
     k, bias = 1.0 / 0.811, rng.normal() * config.gyro_bias_std
-    x = np.array([0, 0, 0, 0, 0, bias, rng.normal(config.gauge_ratio, 0.03)])
+    x = np.array([0, 0, 0, 0, 0, bias, rng.normal(config.gauge_ratio, 0.03), 0.0, 0.0])
     kf, left, right = make_filter(gauge_ratio_std=0.03), 0.0, 0.0
     k = x[GAUGE]
     sd = np.array([0.004, 0.004, 0.002])
@@ -171,29 +215,21 @@ def nees_of_the_filters_own_model(seed, seconds=5.0):
     with just the noises that are stated.
     """
     rng, config = np.random.default_rng(seed), EkfConfig()
-    walk = np.array(
-        [
-            config.speed_walk,
-            config.yaw_rate_walk,
-            config.lateral_walk,
-            config.gyro_bias_walk,
-            config.gauge_ratio_walk,
-        ]
-    )
     wheel_sd, gyro_sd, fix_sd = 0.01, 0.0017, np.array([0.004, 0.004, 0.002])
-    first_sd = np.array([1e-4, 1e-4, 1e-4, 1e-3, 1e-3, config.gyro_bias_std, 0.03])
-    kf, values = PeriodicEkf(dim_x=7, dim_z=3), []
-    kf.x, kf.P = np.eye(7)[GAUGE] * config.gauge_ratio, np.diag(first_sd**2)
-    x = kf.x + first_sd * rng.normal(size=7)
+    first_sd = np.array([1e-4, 1e-4, 1e-4, 1e-3, 1e-3, config.gyro_bias_std, 0.03, 0.01, 0.01])
+    kf, values = PeriodicEkf(dim_x=STATES, dim_z=3), []
+    kf.x, kf.P = np.eye(STATES)[GAUGE] * config.gauge_ratio, np.diag(first_sd**2)
+    x = kf.x + first_sd * rng.normal(size=STATES)
     for i in range(1, round(seconds / DT) + 1):
-        accel, noise = 0.2 * math.cos(0.5 * i * DT), motion_noise(x, DT, walk)
+        accel, noise = 0.2 * math.cos(0.5 * i * DT), motion_noise(x, DT, WALK, 0.0)
         x = rng.multivariate_normal(motion(x, accel, DT), noise, method="eigh")
-        z = wheels_and_gyro(x, GAUGE_M) + [wheel_sd, wheel_sd, gyro_sd] * rng.normal(size=3)
-        given = (wheel_sd**2, gyro_sd**2, GAUGE_M, 1e9)
-        kf.predict_and_correct(walk, accel, DT, (z[0], z[1]), z[2], given)
+        z = np.array([wheel_speed(x, GAUGE_M, 1.0), wheel_speed(x, GAUGE_M, -1.0), x[RATE] + x[BIAS]])
+        z += [wheel_sd, wheel_sd, gyro_sd] * rng.normal(size=3)
+        inputs = inputs_row(accel, z[:2], z[2], wheel_sd**2, gyro_sd**2)
+        kf.predict_and_correct(inputs, WALK, GAUGE_M, NO_GATES)
         if i % 10 == 0:
             fix, noise = x[:3] + fix_sd * rng.normal(size=3), np.diag(fix_sd**2)
-            kf.update(fix, lambda _: np.eye(3, 7), lambda s: s[:3], R=noise, residual=pose_off)
+            kf.update(fix, lambda _: np.eye(3, STATES), lambda s: s[:3], R=noise, residual=pose_off)
             error = pose_off(kf.x[:3], x[:3])
             values.append(error @ np.linalg.solve(kf.P[:3, :3], error))
     return values
@@ -250,7 +286,7 @@ def test_a_fix_far_off_is_refused_at_first_and_believed_if_it_insists():
     kf = make_filter()
     for i in range(1, 51):
         kf.advance(*reading(i * 10_000_000, 0.0, 0.0))
-    far = PoseFix(0, np.array([1.0, 0.0, 0.0]), np.eye(3) * 1e-5, 1.0, True)
+    far = PoseFix(500_000_000, np.array([1.0, 0.0, 0.0]), np.eye(3) * 1e-5, 1.0, True)
     answers = [kf.correct(far) for _ in range(6)]
     assert answers[:4] == [False] * 4
     assert any(answers)
@@ -262,7 +298,7 @@ def test_a_good_fix_between_bad_ones_ends_their_row():
     for i in range(1, 51):
         kf.advance(*reading(i * 10_000_000, 0.0, 0.0))
     far, here = (
-        PoseFix(0, np.array([x, 0.0, 0.0]), np.eye(3) * 1e-5, 1.0, True) for x in (1.0, 0.0)
+        PoseFix(500_000_000, np.array([x, 0.0, 0.0]), np.eye(3) * 1e-5, 1.0, True) for x in (1.0, 0.0)
     )
     for _ in range(4):
         answers = [kf.correct(far) for _ in range(4)]
@@ -348,7 +384,7 @@ def test_the_maps_error_is_considered_and_no_fix_takes_it_away():
     for i in range(2, 102):
         kf.advance(*reading(i * 10_000_000, 0.004 * i, 0.004 * i))
         pose = np.array([0.004 * i, 0.0, 0.0])
-        kf.correct(PoseFix(0, pose, np.eye(3) * 1e-7, 1.0, True))
+        kf.correct(PoseFix(i * 10_000_000, pose, np.eye(3) * 1e-7, 1.0, True))
         kf.mapped(0.0)
     last = kf.estimate().covariance[:3, :3] - kf.covariance_in_map
     # Nothing new was seen: yaw's part is as it was, and has become one of y, 0.4 m further on.
@@ -371,7 +407,7 @@ def test_a_map_that_is_turned_shifts_what_is_ahead_to_its_left(heading):
     for i in range(2, 102):
         kf.advance(*reading(i * 10_000_000, 0.004 * i, 0.004 * i))
         pose = np.array([*(0.004 * i * ahead), heading])
-        kf.correct(PoseFix(0, pose, np.eye(3) * 1e-7, 1.0, True))
+        kf.correct(PoseFix(i * 10_000_000, pose, np.eye(3) * 1e-7, 1.0, True))
         kf.mapped(0.0)
     last = kf.estimate().covariance[:3, :3] - kf.covariance_in_map
     way = kf.estimate().pose[:2] @ ahead
