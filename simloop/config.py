@@ -194,9 +194,9 @@ class LidarConfig:
 class EkfConfig:
     """Process noise as densities (per square root of a second), gates as probabilities.
 
-    What the tracks' centres of rotation walk is per square root of a metre of belt: gauge_ratio_walk
-    and, m, icr_walk. gyro_bias_std: what a start-up calibration leaves. map_std_*: with what error a whole new view
-    enters the map, that of one scan's fit and of the cells' grain.
+    What the tracks' centres of rotation walk is per square root of a metre of belt:
+    gauge_ratio_walk and, m, icr_walk. gyro_bias_std: what a start-up calibration leaves. map_std_*:
+    with what error a whole new view enters the map, that of one scan's fit and of the cells' grain.
     """
 
     speed_walk: Positive = 0.1

@@ -1,8 +1,8 @@
 """What the filter believed at each of the last periods, and what it was told in each of them.
 
-A LiDAR pose comes late: the turn must be full, the match takes its time, and a network may add some.
-It belongs to its own instant. So the belief of that instant is corrected, and all that has come
-since is told to it again, in one compiled call.
+A LiDAR pose comes late: the turn must be full, the match takes its time, and a network may add to
+it. It belongs to its own instant. So the belief of that instant is corrected, and all that has
+come since is told to it again, in one compiled call.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class History:
         gauge_m: float,
         gates: FloatArray,
     ) -> tuple[FloatArray, FloatArray]:
-        """Put another belief into a row; the one of now that follows from it, by all later inputs."""
+        """Put another belief into a row; the one of now that follows from it by all inputs since."""
         self._states[row], self._covariances[row] = x, p
         count = (self._last - row) % len(self._t_ns)
         if count == 0:

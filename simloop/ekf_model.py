@@ -8,9 +8,9 @@ its gauge were k = 1 / chi times as wide, about a point that need not lie in its
     y_l, y_r = c +- k B / 2     of the left and the right track's centre; k gauge ratio, c offset
     x_v                         of the vehicle's own centre: v_y = -x_v w
 
-k and c are seen by the wheels against gyro and LiDAR, x_v by the LiDAR alone, all of them only while
-the robot turns. What they change with is the ground, so their walk is one over the way that the
-belts have come, not over time: who stands or has been told nothing forgets nothing.
+k and c are seen by the wheels against gyro and LiDAR, x_v by the LiDAR alone, all of them only
+while the robot turns. What they change with is the ground, so their walk is one over the way that
+the belts have come, not over time: who stands forgets nothing.
 
     predict   v' = a_x (accelerometer), w' = b' = k' = c' = x_v' = noise,
               x' = v cos yaw + x_v w sin yaw, y' = v sin yaw - x_v w cos yaw
@@ -34,8 +34,9 @@ SLIPPING_VAR = 100.0  # (m/s)^2, of belts that slip: all but ignored
 _BELTS_M = 0.2  # m of belt a radian on the spot
 
 # A period's inputs, one row: what went in, and which of the wheels was refused.
-ACCEL, DT, LEFT, RIGHT, GYRO, LEFT_VAR, RIGHT_VAR, GYRO_VAR, SHOVE_VAR, NO_LEFT, NO_RIGHT = range(11)
 INPUTS = 11
+ACCEL, DT, LEFT, RIGHT, GYRO, LEFT_VAR, RIGHT_VAR = range(7)
+GYRO_VAR, SHOVE_VAR, NO_LEFT, NO_RIGHT = range(7, INPUTS)
 
 
 @njit(cache=True)

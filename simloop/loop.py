@@ -11,6 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from simloop.faults import Faults, Glass
 from simloop.messages import LidarScan, Message, Truth
 from simloop.metrics import RunMetrics
 from simloop.plant import Plant
@@ -36,7 +37,10 @@ class Recorder(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class RunResult:
-    """outcome: reached, collision, stuck, missed, timeout. metrics: what ``--json`` writes."""
+    """outcome: reached, collision, stuck, lost, missed, timeout.
+
+    metrics: what ``--json`` writes.
+    """
 
     outcome: str
     metrics: dict[str, Any]
@@ -65,13 +69,15 @@ class Simulation:
         self.scenario = scenario
         self.world = world or build_world(scenario)
         self.plant = Plant(self.world.model, config)
-        imu_rng, lidar_rng, planner_rng = np.random.default_rng(scenario.seed).spawn(3)
+        imu_rng, lidar_rng, planner_rng, fault_rng = np.random.default_rng(scenario.seed).spawn(4)
         self._encoders = Encoders(config.encoder)
         self._imu = Imu(config.imu, rates.control_s, imu_rng)
         mount = self.plant.base_from_laser
         self._lidar = Lidar(config.lidar, rates.lidar_s, mount, lidar_rng)
         start, goal = np.array(scenario.start), np.array(scenario.goal)
         mission = Mission(start, goal, scenario.goal_tolerance_m)
+        self._faults = Faults(scenario.faults, fault_rng)
+        self._rays = self._faults.rays(self.plant)
         self.profiler = watch = profiler or Profiler()
         laser = np.array([mount[0], mount[1], 0.0])
         self.robot = Robot(config, mission, laser, planner_rng, watch)
@@ -93,12 +99,16 @@ class Simulation:
         began = time.perf_counter()
         voltage, truth = np.zeros(2), self.plant.reset(np.array(self.scenario.start))
         self._publish([truth])
-        outcome, ticks = "", 0
+        outcome, ticks, faults = "", 0, self._faults
         with _no_collector():
             while not outcome:
+                faults.act(self.plant, truth)
                 before, truth = truth, self._step(voltage)
-                encoders, imu = self._encoders.read(truth), self._imu.read(truth)
-                scan = self._sweep(before, truth, self.plant)
+                encoders = faults.encoders(self._encoders.read(truth))
+                imu = faults.imu(self._imu.read(truth))
+                if isinstance(self._rays, Glass):
+                    self._rays.t_ns = truth.t_ns
+                scan = faults.scan(self._sweep(before, truth, self._rays), truth.t_ns)
                 command = self.robot.step(encoders, imu, scan)
                 voltage = command.voltage_v
                 heard = self._heard(scan)
@@ -142,6 +152,8 @@ class Simulation:
         if self.robot.arrived and abs(truth.velocity_body[0]) < _STILL_MPS:
             near = self._distance(truth) <= self.scenario.goal_tolerance_m
             return "reached" if near else "missed"
+        if self.robot.lost:
+            return "lost"
         if self.robot.gave_up:
             return "stuck"
         return "timeout" if truth.t_ns >= self._limit_ns else ""

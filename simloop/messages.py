@@ -136,10 +136,11 @@ class LidarScan(_Message):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate(_Message):
-    """The robot's belief. state: (9,) x, y, yaw, speed, yaw rate, gyro bias, gauge ratio k,
-    the offset of the tracks' centres of rotation to the left and of the vehicle's own to the front, m.
+    """The robot's belief.
 
-    covariance: (9, 9). ``pose`` is base_link in map.
+    state: (9,) x, y, yaw, speed, yaw rate, gyro bias, gauge ratio k, how far the middle of the
+    tracks' centres of rotation lies to the left, and the vehicle's own to the front, m (see
+    ``ekf_model``). covariance: (9, 9). ``pose`` is base_link in map.
     """
 
     t_ns: int
@@ -160,6 +161,33 @@ class Estimate(_Message):
     def yaw_rate(self) -> float:
         """rad/s."""
         return float(self.state[4])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frames(_Message):
+    """REP-105: odom_from_base (3,) is smooth and drifts, map_from_odom (3,) jumps with the fixes.
+
+    odom_from_base_by_wheels: (3,) what the encoders alone, with the centres of rotation that the
+    filter has learnt, make of the way since the start.
+    """
+
+    t_ns: int
+    odom_from_base: FloatArray
+    map_from_odom: FloatArray
+    odom_from_base_by_wheels: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """What the robot thinks of its own localisation: ``ok``, ``degraded`` or ``lost``, and why.
+
+    halts: whether it is reason enough not to drive on.
+    """
+
+    t_ns: int
+    state: str
+    reasons: tuple[str, ...]
+    halts: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -278,6 +306,8 @@ Message = (
     | ImuReading
     | LidarScan
     | Estimate
+    | Frames
+    | Health
     | PoseFix
     | WorldView
     | Plan

@@ -17,7 +17,8 @@ import numpy as np
 from simloop import __version__
 from simloop.floor_plan import FloorPlan
 from simloop.footprint import least_clearance
-from simloop.messages import Estimate, FloatArray, Plan, TrackTruth, Truth
+from simloop.health_account import account
+from simloop.messages import Estimate, FloatArray, Health, Plan, TrackTruth, Truth
 from simloop.scenario import Scenario
 from simloop.se2 import wrap_angles
 from simloop.shortest import shortest_path
@@ -51,6 +52,7 @@ class RunMetrics:
         self._covariances: list[tuple[int, FloatArray]] = []
         self._next_nees_ns = 0
         self._evaluations: list[int] = []
+        self._health: list[Health] = []
 
     def offer(self, message: object) -> None:
         """Take note of a Truth (one a control tick), an Estimate or a Plan; ignore all else."""
@@ -68,6 +70,8 @@ class RunMetrics:
             self._tracks = message
         elif isinstance(message, Plan):
             self._evaluations.append(message.evaluations)
+        elif isinstance(message, Health):
+            self._health.append(message)
 
     def distance_to_go_m(self) -> float:
         """Straight distance from the robot's true place to the goal."""
@@ -110,6 +114,7 @@ class RunMetrics:
         ate_rmse_m and yaw_rmse_rad compare estimate and truth in map at the estimates' instants,
         without any alignment: both start from the same, known pose. nees_mean is that of
         x, y, yaw at 10 Hz (3 for a consistent filter; Bar-Shalom et al. 2001, Sec. 5.4).
+        health: what the robot said of its localisation, see ``health_account``.
 
         plan_ms: wall times of the planner's calls; replans: its calls after the first. outcome:
         where the loop knows better than the truth alone (``interrupted``, ``missed``).
@@ -158,9 +163,9 @@ class RunMetrics:
         )
         return None if way is None else max(0.0, way.length_m - scenario.goal_tolerance_m)
 
-    def _estimation_errors(self, poses: FloatArray) -> dict[str, float | None]:
+    def _estimation_errors(self, poses: FloatArray) -> dict[str, Any]:
         if not self._states or not len(poses):
-            return {"ate_rmse_m": None, "yaw_rmse_rad": None, "nees_mean": None}
+            return {"ate_rmse_m": None, "yaw_rmse_rad": None, "nees_mean": None, "health": None}
         states = np.array(self._states)
         truth = _at(np.array(self._estimate_ns), np.array(self._true_ns), poses)
         error = states[:, :3] - truth
@@ -173,6 +178,7 @@ class RunMetrics:
             "ate_rmse_m": float(np.sqrt(np.mean(np.sum(error[:, :2] ** 2, axis=1)))),
             "yaw_rmse_rad": float(np.sqrt(np.mean(error[:, 2] ** 2))),
             "nees_mean": float(np.mean(nees)),
+            "health": account(self._health, np.array(self._estimate_ns), error, truth),
         }
 
 

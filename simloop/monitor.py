@@ -234,6 +234,11 @@ class CollisionMonitor:
         merged = np.concatenate(self._scans)
         self._points = steadied_around(pose, merged, _WINDOW, _ONE_SURFACE_M)
 
+    def forget(self) -> None:
+        """Take it that nothing has been seen: the robot stands elsewhere than was thought."""
+        self._scans.clear()
+        self._points = np.empty((0, 2))
+
     def allow(self, speed: float, yaw_rate: float, pose: FloatArray) -> tuple[float, float]:
         """The part of a velocity (m/s, rad/s) that can be stopped in time at ``pose`` (3,)."""
         if self._points.shape[0] == 0 or (speed == 0.0 and yaw_rate == 0.0):

@@ -32,7 +32,6 @@ def recorder_for(path: Path, scenario: Scenario, world: World) -> RerunRecorder:
         scenario.start,
         world.model.site("lidar").pos,
         scenario.config.vehicle,
-        scenario.config.encoder.counts_per_turn,
         title_of(scenario),
     )
 

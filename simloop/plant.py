@@ -47,6 +47,7 @@ from simloop.tracks import (
 
 _GRAVITY_MPS2 = 9.81
 _TURNING_RADPS = 0.02
+_WHEEL_M = 0.06  # about a road wheel, what is under it; well within its own side
 
 
 def geom_kinds(model: mujoco.MjModel) -> np.ndarray:
@@ -122,7 +123,12 @@ class Plant:
             )
         )
         self._radius_m = config.vehicle.sprocket_radius_m
+<<<<<<< HEAD
         self._zones = friction_map(config.tracks.zones, config.tracks.friction_image)
+=======
+        self._zones = self._ground = zone_rows(config.tracks.zones)
+        self._wheel_geoms = wheels
+>>>>>>> db2497f (Localiser: odom and map frames, health, a vote when a fix is refused, search of the whole map; faults on purpose)
         joints = [model.joint(f"sprocket_{side}_joint") for side in ("left", "right")]
         # Loose things of the arena may come first: all that the kernels see begins at the vehicle.
         root = model.joint("root")
@@ -261,6 +267,28 @@ class Plant:
     def brake(self, on: bool) -> None:
         """Put the holding brakes of both sprockets on or off; the voltages stay as they are."""
         self._braked = on
+
+    def ice(self, frictions: tuple[float | None, float | None]) -> None:
+        """The ground's friction under the left and the right track from now on; None: its own."""
+        places = self.data.geom_xpos[self._wheel_geoms].reshape(2, -1, 3)
+        rows = [
+            (x - _WHEEL_M, y - _WHEEL_M, x + _WHEEL_M, y + _WHEEL_M, friction)
+            for friction, side in zip(frictions, places, strict=True)
+            if friction is not None
+            for x, y, _ in side
+        ]
+        self._zones = np.concatenate((self._ground, rows)) if rows else self._ground
+
+    def push(self, force_n: FloatArray) -> None:
+        """A force (2,) on the chassis, in the world, from now on."""
+        self.data.qfrc_applied[:2] = force_n
+
+    def put_down(self, pose: FloatArray) -> None:
+        """Stand at ``pose`` (3,) x, y, yaw, at rest; the sprockets keep their angles."""
+        self.data.qpos[:2] = pose[:2]
+        self.data.qpos[3:7] = np.cos(pose[2] / 2), 0.0, 0.0, np.sin(pose[2] / 2)
+        self._qvel[:] = 0.0
+        mujoco.mj_forward(self.model, self.data)
 
     def _step(self) -> None:
         contact, force = self.data.contact, self.data.efc_force

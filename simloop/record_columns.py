@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from simloop.messages import (
     Estimate,
     FloatArray,
+    Health,
     Plan,
     PoseFix,
     SmoothPath,
@@ -19,6 +20,7 @@ from simloop.messages import (
     Truth,
 )
 
+_HEALTH = {"ok": 0.0, "degraded": 1.0, "lost": 2.0}
 _CHI2_95_2DOF = 5.991
 _ROUND = np.stack([f(np.linspace(0.0, 2.0 * np.pi, 33)) for f in (np.cos, np.sin)], axis=1)
 
@@ -50,6 +52,8 @@ SERIES: dict[str, tuple[type, tuple[str, ...], Column]] = {
     "tracks/shear_work": (TrackTruth, ("taken",), _column(lambda m: m.shear_work_j)),
     "contacts": (Truth, ("contacts",), _column(lambda m: m.contact_count)),
     "filter": (Estimate, ("gyro bias", "gauge ratio"), _column(lambda m: m.state[5:7])),
+    "filter/icr": (Estimate, ("y offset", "x"), _column(lambda m: m.state[7:9])),
+    "health": (Health, ("0 ok, 1 degraded, 2 lost",), _column(lambda m: _HEALTH[m.state])),
     "match": (PoseFix, ("score", "taken"), _column(lambda m: (m.score, m.ok))),
     "clearance": (SmoothPath, ("least",), _column(lambda m: np.min(m.clearance_m, initial=np.inf))),
     "plan_cost": (

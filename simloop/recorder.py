@@ -20,10 +20,10 @@ import numpy as np
 from simloop.blueprint import make_blueprint
 from simloop.config import VehicleConfig
 from simloop.messages import (
-    EncoderReading,
     Estimate,
     Event,
     FloatArray,
+    Frames,
     LidarScan,
     LooseTruth,
     MapUpdate,
@@ -34,7 +34,7 @@ from simloop.messages import (
     Truth,
     WorldView,
 )
-from simloop.odometry import Odometry, compose_all, inverse_all
+from simloop.odometry import compose_all
 from simloop.record_columns import (
     DERIVED,
     SERIES,
@@ -101,7 +101,6 @@ class RerunRecorder:
         start: Sequence[float] | FloatArray = (0.0, 0.0, 0.0),
         laser_m: Sequence[float] | FloatArray = (0.0, 0.0, 0.2),
         vehicle: VehicleConfig | None = None,
-        counts_per_turn: int = 980,
         title: str = "",
     ) -> None:
         self._path = Path(path)
@@ -113,7 +112,7 @@ class RerunRecorder:
 
         self._rr = rr
         self._vehicle = vehicle if vehicle is not None else VehicleConfig()
-        self._odometry = Odometry(np.array(start, float), self._vehicle, counts_per_turn)
+        self._start = np.array(start, float)
         self._kept: defaultdict[type, list[Any]] = defaultdict(list)
         self._due_ns = _FLUSH_NS
         self._trails: dict[str, list[FloatArray]] = defaultdict(list)
@@ -153,7 +152,7 @@ class RerunRecorder:
         kept, self._kept = self._kept, defaultdict(list)
         self._write_series(kept)
         self._write_derived(kept[Truth], kept[Estimate], kept[TrackCommand])
-        self._write_poses(kept[Truth], kept[Estimate], kept[EncoderReading])
+        self._write_poses(kept[Truth], kept[Estimate], kept[Frames])
         self._write_scans(kept[LidarScan])
         self._write_loose(kept[LooseTruth])
         for plan in kept[Plan]:
@@ -233,24 +232,31 @@ class RerunRecorder:
         self._send_scalars("nees", times, nees(error, covariance))
 
     def _write_poses(
-        self, truths: list[Truth], estimates: list[Estimate], encoders: list[EncoderReading]
+        self, truths: list[Truth], estimates: list[Estimate], frames: list[Frames]
     ) -> None:
-        odometry = self._odometry.advance(encoders)
         self._write_truth(truths)
+        self._write_frames(frames[::_POSE_TICKS])
         estimates = estimates[::_POSE_TICKS]
         if not estimates:
             return
         times = [e.t_ns for e in estimates]
         map_from_base = np.array([e.pose for e in estimates])
-        odom_from_base = odometry.at(times)
-        self._send_poses(ODOM, times, compose_all(map_from_base, inverse_all(odom_from_base)))
-        self._send_poses(BASE, times, odom_from_base)
         self._trail("belief", map_from_base[::2], times[-1])
-        map_from_start = self._odometry.start
-        self._trail("odometry", compose_all(map_from_start, odom_from_base[::2]), times[-1])
         covariance = np.array([e.covariance[:2, :2] for e in estimates])
         outlines = ellipses(map_from_base[:, :2], covariance, _ELLIPSE_SCALE)
         self._send_strips(f"{MAP}/ellipse_95_x10", times, [[o] for o in outlines], 0.26)
+
+    def _write_frames(self, frames: list[Frames]) -> None:
+        if not frames:
+            return
+        times = [f.t_ns for f in frames]
+        self._send_poses(ODOM, times, np.array([f.map_from_odom for f in frames]))
+        self._send_poses(BASE, times, np.array([f.odom_from_base for f in frames]))
+        for name, poses in (
+            ("odometry", [f.odom_from_base for f in frames[::2]]),
+            ("wheels", [f.odom_from_base_by_wheels for f in frames[::2]]),
+        ):
+            self._trail(name, compose_all(self._start, np.array(poses)), times[-1])
 
     def _write_truth(self, truths: list[Truth]) -> None:
         few = truths[::_POSE_TICKS]

@@ -19,6 +19,7 @@ _OUTCOMES = {
     "collision": ("red", "collision"),
     "timeout": ("red", "out of time"),
     "stuck": ("red", "stuck: it gave up"),
+    "lost": ("red", "lost: it does not know where it is, and stopped"),
     "missed": ("red", "it stopped short, believing to be there"),
     "interrupted": ("yellow", "interrupted"),
 }

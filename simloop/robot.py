@@ -1,11 +1,10 @@
 """The robot's own software: sensor messages in, motor voltages out, and no truth anywhere.
 
-    encoders, imu -> Ekf <-> GridSlam -> Planner -> Smoother -> Tracker -> monitor -> motor loops
+    encoders, imu, scan -> Localiser -> Planner -> Smoother -> Tracker -> monitor -> motor loops
 """
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +12,8 @@ import numpy as np
 from simloop.bezier import Smoother
 from simloop.blockage import stands_in_the_way
 from simloop.config import Config
-from simloop.ekf import GAUGE, Ekf
+from simloop.ekf import GAUGE
+from simloop.localiser import Localiser
 from simloop.messages import (
     EncoderReading,
     Estimate,
@@ -30,7 +30,6 @@ from simloop.messages import (
 from simloop.monitor import CollisionMonitor
 from simloop.profiler import Profiler
 from simloop.recovery import Recovery
-from simloop.slam_grid import GridSlam
 from simloop.tracker import Drive, Tracker
 from simloop.widths import WidthPlanner
 
@@ -63,10 +62,8 @@ class Robot:
         safe = config.planner.safe_distance_m
         period = rates.control_s
         self._config, self._mission = config, mission
-        self._ekf = Ekf(
-            config.ekf, config.encoder, config.imu, vehicle, mission.start, rates.control_s
-        )
-        self._slam = GridSlam(config.slam, vehicle, base_from_laser)
+        self._localiser = Localiser(config, mission.start, base_from_laser, profiler)
+        self._slam = self._localiser.slam
         self._planner = WidthPlanner(config, mission.goal, rng)
         self._tracker = Tracker(
             config.tracker, vehicle, safe, mission.goal, mission.goal_tolerance_m, period
@@ -74,16 +71,15 @@ class Robot:
         self._drive = Drive(config.tracker, config.motor, config.encoder, vehicle, period)
         self._monitor = CollisionMonitor(config.tracker, vehicle)
         self._recovery = Recovery(config.tracker, self._monitor)
-        self._trail: deque[Estimate] = deque(maxlen=round(rates.lidar_s / period) + 2)
         self._plan_ns = round(rates.plan_s * 1e9)
         self._plan: Plan | None = None
         self._pending: tuple[int, Plan, Smoother, WorldView] | None = None
         self._planned_ns = 0
-        self._mapped = False
+        self._driven = False
         self._unchecked: list[FloatArray] = []
         self._offsets = np.array(vehicle.footprint_offsets_m)
         self.said: list[Message] = []
-        stages = ("ekf", "slam", "planner", "smoother", "tracker")
+        stages = ("slam", "planner", "smoother", "tracker")
         self._time = {name: profiler.stage(name) for name in stages}
 
     @property
@@ -96,50 +92,46 @@ class Robot:
         """Whether recoveries have been tried too often."""
         return self._recovery.exhausted
 
+    @property
+    def lost(self) -> bool:
+        """Whether it has not known where it is for too long to go on looking."""
+        return self._localiser.gave_up
+
     def step(
         self, encoders: EncoderReading, imu: ImuReading, scan: LidarScan | None
     ) -> TrackCommand:
         """Take one period's readings; answer with the command for the next period."""
         self.said.clear()
-        with self._time["ekf"]:
-            estimate = self._ekf.advance(encoders, imu)
-        self._trail.append(estimate)
+        localiser = self._localiser
+        estimate = localiser.step(encoders, imu, scan, self._driven)
+        self.said.extend(localiser.said)
+        if localiser.jumped:
+            self._begin_anew()
+        if localiser.new_surfaces_m is not None:
+            self._unchecked.append(localiser.new_surfaces_m)
         if scan is not None:
-            estimate = self._localise_and_map(scan, estimate)
-        reason = self._reason_to_plan(estimate, scan is not None)
-        if reason:
-            self._replan(estimate, reason)
-        self._take_up_plan(estimate)
+            self._monitor.observe(self._slam.points_m, estimate.pose)
+        if not localiser.health.said.halts:
+            reason = self._reason_to_plan(estimate, scan is not None)
+            if reason:
+                self._replan(estimate, reason)
+            self._take_up_plan(estimate)
         self.said.append(estimate)
         with self._time["tracker"]:
-            return self._command(estimate, encoders)
+            command = self._command(estimate, encoders)
+        self._driven = bool(command.voltage_v.any())
+        return command
 
-    def _localise_and_map(self, scan: LidarScan, estimate: Estimate) -> Estimate:
-        with self._time["slam"]:
-            times = np.array([e.t_ns for e in self._trail], np.int64)
-            poses = np.array([e.pose for e in self._trail])
-            fix = self._slam.match(
-                scan, times, poses, estimate.pose, self._ekf.covariance_in_map
-            )
-        with self._time["ekf"]:
-            taken = self._ekf.correct(fix)
-            estimate = self._ekf.estimate()
-        self._trail[-1] = estimate
-        with self._time["slam"]:
-            if taken or not self._mapped:
-                self._slam.insert(scan, estimate.pose)
-                self._ekf.mapped(self._slam.new_share)
-                self._mapped = True
-                self._unchecked.append(self._slam.new_surfaces_m)
-            elif fix.ok:
-                self._say(Event(scan.t_ns, "warning", "scan match refused by the filter's gate"))
-        self._monitor.observe(self._slam.points_m, estimate.pose)
-        self.said.append(fix)
-        return estimate
+    def _begin_anew(self) -> None:
+        """Forget all that was meant for another place: the plan, the path, what was near."""
+        self._plan = self._pending = None
+        self._unchecked.clear()
+        self._tracker.hold()
+        self._monitor.forget()
 
     def _reason_to_plan(self, estimate: Estimate, new_scan: bool) -> str:
         """Why to plan now: a frame is due, the path ahead is blocked, or there is none yet."""
-        if self.arrived or not self._mapped or self._pending or self._recovery.active:
+        if self.arrived or not self._localiser.mapped or self._pending or self._recovery.active:
             return ""
         if self._plan is None:
             return "first"
@@ -207,7 +199,10 @@ class Robot:
         self._say(path)
 
     def _command(self, estimate: Estimate, encoders: EncoderReading) -> TrackCommand:
-        tracker, recovery = self._tracker, self._recovery
+        tracker, recovery, health = self._tracker, self._recovery, self._localiser.health
+        if health.said.halts:
+            tracker.overrule(0.0, 0.0)
+            return self._drive.command((0.0, 0.0, health.said.state), estimate, encoders)
         if recovery.active:
             speed, rate, mode = recovery.velocity(estimate)
             if not recovery.active:
@@ -222,7 +217,9 @@ class Robot:
         if (free_speed, free_rate) != (speed, rate):
             mode = "held"
             tracker.overrule(free_speed, free_rate)
-        return self._drive.command((free_speed, free_rate, mode), estimate, encoders)
+        return self._drive.command(
+            (free_speed, free_rate, mode), estimate, encoders, health.belts_heard
+        )
 
     def _next_part(self, pose: FloatArray) -> FloatArray | None:
         """The first place (2,) of the path ahead that is ``_NEXT_M`` away from ``pose`` (3,)."""

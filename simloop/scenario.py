@@ -25,6 +25,7 @@ from pydantic_core import ErrorDetails
 from simloop.catalog import arena_files, planner_names, scenario_files
 from simloop.config import Config, Positive, TracksConfig, reject
 from simloop.errors import InputError, did_you_mean
+from simloop.faults import Fault
 from simloop.obstacles import Coordinate, Obstacle, Point
 from simloop.terrain import MOST_ROUGH_STEP_S, Loose, Terrain
 
@@ -59,8 +60,12 @@ class Scenario:
     goal_tolerance_m: Positive = 0.10
     obstacles: tuple[Obstacle, ...] = ()
     clutter: Clutter | None = None
+<<<<<<< HEAD
     terrain: Terrain | None = None
     loose: tuple[Loose, ...] = ()
+=======
+    faults: tuple[Fault, ...] = ()
+>>>>>>> db2497f (Localiser: odom and map frames, health, a vote when a fix is refused, search of the whole map; faults on purpose)
     config: Config = Field(default_factory=Config)
 
     @model_validator(mode="after")

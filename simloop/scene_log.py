@@ -28,6 +28,7 @@ _LINES = {
     f"{MAP}/trails/truth": ([60, 150, 80], 0.01),
     f"{MAP}/trails/belief": ([40, 44, 52], 0.006),
     f"{MAP}/trails/odometry": ([200, 170, 60], 0.005),
+    f"{MAP}/trails/wheels": ([150, 110, 70], 0.005),
 }
 _POINTS = {
     f"{MAP}/plan/waypoints": ([160, 60, 168], 0.02),

@@ -320,20 +320,32 @@ class Drive:
         )
         self._errors = np.zeros(2)
         self._last: EncoderReading | None = None
+        self._asked: list[float] = [0.0, 0.0]
 
     def command(
-        self, velocity: tuple[float, float, str], estimate: Estimate, encoders: EncoderReading
+        self,
+        velocity: tuple[float, float, str],
+        estimate: Estimate,
+        encoders: EncoderReading,
+        heard: tuple[bool, bool] = (True, True),
     ) -> TrackCommand:
-        """The command for a speed, m/s, a yaw rate, rad/s, and the mode they came from."""
+        """The command for a speed, m/s, a yaw rate, rad/s, and the mode they came from.
+
+        heard: whether the left and the right encoder are to be believed; a loop whose encoder is
+        not is left open, and its motor gets what its law says.
+        """
         speed, rate, mode = velocity
         last, self._last = self._last or encoders, encoders
-        speeds, volts = drive(
-            speed,
-            rate,
-            estimate.state[GAUGE],
+        come = [
             encoders.left_counts - last.left_counts,
             encoders.right_counts - last.right_counts,
-            self._law,
-            self._errors,
+        ]
+        for side in range(2):
+            if not heard[side]:
+                self._errors[side] = 0.0
+                come[side] = round(self._asked[side] * self._law.period / self._law.rad_a_count)
+        speeds, volts = drive(
+            speed, rate, estimate.state[GAUGE], come[0], come[1], self._law, self._errors
         )
+        self._asked = speeds.tolist()
         return TrackCommand(estimate.t_ns, speed, rate, speeds, volts, mode)

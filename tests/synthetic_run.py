@@ -18,6 +18,8 @@ from simloop.messages import (
     EncoderReading,
     Estimate,
     Event,
+    Frames,
+    Health,
     ImuReading,
     LidarScan,
     MapUpdate,
@@ -29,6 +31,7 @@ from simloop.messages import (
     Truth,
     WorldView,
 )
+from simloop.se2 import compose, inverse
 from simloop.shortest import shortest_path
 
 GOAL = np.array([3.6, 3.9])
@@ -94,8 +97,14 @@ class SyntheticRun:
             yield PoseFix(t_ns, pose, np.diag([1e-4, 1e-4, 1e-5]), 0.9, True)
         if t_ns % PLAN_NS == 0:
             yield from self._plan(t_ns, pose)
-        state = np.array([*(pose + OFF), SPEED_MPS, 0.1, 0.001, 1.2])
-        yield Estimate(t_ns, state, np.diag([1e-4, 4e-4, 1e-5, 1e-3, 1e-3, 1e-6, 1e-3]))
+        state = np.array([*(pose + OFF), SPEED_MPS, 0.1, 0.001, 1.2, 0.002, 0.01])
+        variances = [1e-4, 4e-4, 1e-5, 1e-3, 1e-3, 1e-6, 1e-3, 1e-4, 1e-4]
+        yield Estimate(t_ns, state, np.diag(variances))
+        ahead = np.array([SPEED_MPS * t_ns * 1e-9, 0.0, 0.0])
+        odom_from_map = inverse(ahead)
+        yield Frames(t_ns, ahead, compose(state[:3], odom_from_map), ahead.copy())
+        if tick in (0, 100):
+            yield Health(t_ns, "degraded" if tick else "ok", ("a reason",) if tick else (), False)
 
     def _plan(self, t_ns: int, pose: np.ndarray) -> Iterator[Message]:
         s = min(SPEED_MPS * t_ns * 1e-9, self._arc[-1])

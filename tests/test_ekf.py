@@ -17,8 +17,6 @@ from simloop.ekf import Ekf, PeriodicEkf
 from simloop.ekf_model import (
     BIAS,
     GAUGE,
-    ICR_X,
-    INPUTS,
     NO_LEFT,
     NO_RIGHT,
     OFFSET,
@@ -223,7 +221,8 @@ def nees_of_the_filters_own_model(seed, seconds=5.0):
     for i in range(1, round(seconds / DT) + 1):
         accel, noise = 0.2 * math.cos(0.5 * i * DT), motion_noise(x, DT, WALK, 0.0)
         x = rng.multivariate_normal(motion(x, accel, DT), noise, method="eigh")
-        z = np.array([wheel_speed(x, GAUGE_M, 1.0), wheel_speed(x, GAUGE_M, -1.0), x[RATE] + x[BIAS]])
+        belts = [wheel_speed(x, GAUGE_M, side) for side in (1.0, -1.0)]
+        z = np.array([*belts, x[RATE] + x[BIAS]])
         z += [wheel_sd, wheel_sd, gyro_sd] * rng.normal(size=3)
         inputs = inputs_row(accel, z[:2], z[2], wheel_sd**2, gyro_sd**2)
         kf.predict_and_correct(inputs, WALK, GAUGE_M, NO_GATES)
@@ -298,7 +297,8 @@ def test_a_good_fix_between_bad_ones_ends_their_row():
     for i in range(1, 51):
         kf.advance(*reading(i * 10_000_000, 0.0, 0.0))
     far, here = (
-        PoseFix(500_000_000, np.array([x, 0.0, 0.0]), np.eye(3) * 1e-5, 1.0, True) for x in (1.0, 0.0)
+        PoseFix(500_000_000, np.array([x, 0.0, 0.0]), np.eye(3) * 1e-5, 1.0, True)
+        for x in (1.0, 0.0)
     )
     for _ in range(4):
         answers = [kf.correct(far) for _ in range(4)]

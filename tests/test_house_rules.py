@@ -17,6 +17,7 @@ PACKAGE = Path(simloop.__file__).parent
 # The robot's own software: none of it may know the truth or the physics.
 ROBOT = [
     "robot",
+    "localiser",
     "ekf",
     "slam_grid",
     "tlbo_planner",
@@ -36,6 +37,8 @@ TRUTH = {
     "loop",
     "sensors",
     "tracks",
+    "faults",
+    "health_account",
     "shortest",
     "footprint",
 }

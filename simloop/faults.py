@@ -1,0 +1,244 @@
+"""Faults on purpose: what a scenario's ``[[faults]]`` do to the plant and to the sensors.
+
+They stand between plant and sensors, and between sensors and robot; the robot is never told. What
+each one is, and what the robot is meant to make of it, stands in docs/estimation.md.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from typing import Annotated, Literal, Protocol
+
+import numpy as np
+from pydantic import ConfigDict, Field, model_validator
+from pydantic.dataclasses import dataclass
+
+from simloop.messages import EncoderReading, FloatArray, ImuReading, LidarScan, Truth
+from simloop.obstacles import Coordinate, Point
+from simloop.sensors import RayCaster
+
+Seconds = Annotated[float, Field(ge=0.0, le=1e6)]
+Kind = Literal[
+    "encoder_stuck",
+    "encoders_silent",
+    "gyro_jump",
+    "imu_silent",
+    "beams_dropped",
+    "glass",
+    "lidar_silent",
+    "lidar_late",
+    "ice",
+    "pushed",
+    "kidnapped",
+]
+
+# What each kind needs besides its times.
+_KEYS: dict[str, tuple[str, ...]] = {
+    "encoder_stuck": ("side",),
+    "encoders_silent": (),
+    "gyro_jump": ("bias_radps",),
+    "imu_silent": (),
+    "beams_dropped": ("share",),
+    "glass": ("min_m", "max_m"),
+    "lidar_silent": (),
+    "lidar_late": ("delay_s",),
+    "ice": ("side", "friction"),
+    "pushed": ("shift_m",),
+    "kidnapped": ("to",),
+}
+_TIMES = ("kind", "at_s", "for_s")
+_PUSH_N, _PUSH_N_PER_M, _PUSH_NS_PER_M = 250.0, 4000.0, 300.0
+_THROUGH_M = 1e-3
+_PANES = 4  # that one beam may go through
+
+
+@dataclass(frozen=True, slots=True, config=ConfigDict(extra="forbid", allow_inf_nan=False))
+class Fault:
+    """One thing that goes wrong at ``at_s``, for ``for_s``, or (0) from then on.
+
+    side: left or right. bias_radps: added to the gyro. share: of the beams that do not come back.
+    min_m, max_m: (2,) corners, in map, of what beams go through. delay_s: by which a scan is late.
+    friction: under one track. shift_m: sideways, to the left, in ``for_s``. to: (3,) the pose at
+    which the robot is put down.
+    """
+
+    kind: Kind
+    at_s: Seconds
+    for_s: Seconds = 0.0
+    side: Literal["left", "right"] | None = None
+    bias_radps: Annotated[float, Field(ge=-10.0, le=10.0)] | None = None
+    share: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
+    min_m: Point | None = None
+    max_m: Point | None = None
+    delay_s: Annotated[float, Field(gt=0.0, le=10.0)] | None = None
+    friction: Annotated[float, Field(gt=0.0, le=2.0)] | None = None
+    shift_m: Annotated[float, Field(ge=-2.0, le=2.0)] | None = None
+    to: tuple[Coordinate, Coordinate, float] | None = None
+
+    @model_validator(mode="after")
+    def _has_its_own_keys(self) -> Fault:
+        wanted = _KEYS[self.kind]
+        given = {f.name for f in fields(self) if getattr(self, f.name) is not None} - {*_TIMES}
+        listed = ", ".join(wanted) or "(none but at_s and for_s)"
+        if given != set(wanted):
+            raise ValueError(f"the keys of a fault '{self.kind}' are {listed}")
+        if self.kind == "pushed" and self.for_s == 0.0:
+            raise ValueError("a push needs for_s, the time that it takes, s")
+        if self.min_m and self.max_m and not all(np.less(self.min_m, self.max_m)):
+            raise ValueError("min_m must be below max_m in x and in y")
+        return self
+
+    def on(self, t_ns: int) -> bool:
+        """Whether it is there at an instant."""
+        since_s = t_ns * 1e-9 - self.at_s
+        return since_s >= 0.0 and (self.for_s == 0.0 or since_s < self.for_s)
+
+
+class Body(Protocol):
+    """What faults do to a plant."""
+
+    def ice(self, frictions: tuple[float | None, float | None]) -> None:
+        """Friction under the left and the right track; None: the ground's own."""
+        ...
+
+    def push(self, force_n: FloatArray) -> None:
+        """Force (2,) on the chassis, in the world."""
+        ...
+
+    def put_down(self, pose: FloatArray) -> None:
+        """Stand at ``pose`` (3,), at rest."""
+        ...
+
+
+class Faults:
+    """All faults of a run. rng: for what is drawn (which beams do not come back)."""
+
+    def __init__(self, faults: Sequence[Fault], rng: np.random.Generator) -> None:
+        self._faults, self._rng = tuple(faults), rng
+        self._stuck: list[int | None] = [None, None]
+        self._encoders: EncoderReading | None = None
+        self._imu: ImuReading | None = None
+        self._late: list[tuple[int, LidarScan]] = []
+        self._pushes: dict[Fault, FloatArray] = {}
+        self._moved: set[Fault] = set()
+
+    def act(self, body: Body, truth: Truth) -> None:
+        """Do to the plant what is due, before its next step."""
+        if not self._faults:
+            return
+        frictions: list[float | None] = [None, None]
+        force = np.zeros(2)
+        for fault in self._faults:
+            there = fault.on(truth.t_ns)
+            if fault.kind == "ice" and there:
+                frictions[fault.side == "right"] = fault.friction
+            elif fault.kind == "pushed" and there:
+                force += self._push(fault, truth)
+            elif fault.kind == "kidnapped" and there and fault not in self._moved:
+                self._moved.add(fault)
+                body.put_down(np.array(fault.to))
+        body.ice((frictions[0], frictions[1]))
+        body.push(force)
+
+    def encoders(self, reading: EncoderReading) -> EncoderReading:
+        """What the robot hears of the encoders; the last reading again where none comes."""
+        for fault in self._of("encoder_stuck", "encoders_silent"):
+            if not fault.on(reading.t_ns):
+                continue
+            if fault.kind == "encoders_silent":
+                return self._encoders or reading
+            side = int(fault.side == "right")
+            name = ("left_counts", "right_counts")[side]
+            counts = self._stuck[side]
+            if counts is None:
+                counts = self._stuck[side] = getattr(reading, name)
+            reading = replace(reading, **{name: counts})
+        self._encoders = reading
+        return reading
+
+    def imu(self, reading: ImuReading) -> ImuReading:
+        """What the robot hears of the IMU; the last reading again where none comes."""
+        for fault in self._of("gyro_jump", "imu_silent"):
+            if not fault.on(reading.t_ns):
+                continue
+            if fault.kind == "imu_silent":
+                return self._imu or reading
+            gyro = reading.gyro_radps + np.array([0.0, 0.0, fault.bias_radps])
+            reading = ImuReading(reading.t_ns, gyro, reading.accel_mps2)
+        self._imu = reading
+        return reading
+
+    def scan(self, scan: LidarScan | None, t_ns: int) -> LidarScan | None:
+        """What the robot hears of the LiDAR at an instant."""
+        if not self._faults:
+            return scan
+        late = [fault for fault in self._of("lidar_late") if fault.on(t_ns)]
+        if scan is not None and any(f.on(t_ns) for f in self._of("lidar_silent")):
+            scan = None
+        if scan is not None:
+            for fault in self._of("beams_dropped"):
+                if fault.on(t_ns):
+                    gone = self._rng.random(len(scan.ranges_m)) < fault.share
+                    scan = replace(scan, ranges_m=np.where(gone, np.inf, scan.ranges_m))
+            if late:
+                due = t_ns + round(1e9 * max(fault.delay_s or 0.0 for fault in late))
+                self._late.append((due, scan))
+                scan = None
+        if scan is None and self._late and self._late[0][0] <= t_ns:
+            scan = self._late.pop(0)[1]
+        return scan
+
+    def rays(self, world: RayCaster) -> RayCaster:
+        """The world as the LiDAR's beams meet it."""
+        panes = self._of("glass")
+        return Glass(world, panes) if panes else world
+
+    def _of(self, *kinds: str) -> list[Fault]:
+        return [fault for fault in self._faults if fault.kind in kinds]
+
+    def _push(self, fault: Fault, truth: Truth) -> FloatArray:
+        """(2,) N of a hand that leads the robot sideways, softly on and off, against its tracks."""
+        start = self._pushes.setdefault(fault, truth.pose_xyyaw.copy())
+        f = min(1.0, (truth.t_ns * 1e-9 - fault.at_s) / fault.for_s)
+        left = np.array([-math.sin(start[2]), math.cos(start[2])])
+        aim = (fault.shift_m or 0.0) * f * f * (3.0 - 2.0 * f)
+        pace = (fault.shift_m or 0.0) * 6.0 * f * (1.0 - f) / fault.for_s
+        cos, sin = math.cos(truth.pose_xyyaw[2]), math.sin(truth.pose_xyyaw[2])
+        vx, vy = truth.velocity_body[:2]
+        velocity = left @ np.array([cos * vx - sin * vy, sin * vx + cos * vy])
+        come = left @ (truth.pose_xyyaw[:2] - start[:2])
+        force = _PUSH_N_PER_M * (aim - come) + _PUSH_NS_PER_M * (pace - velocity)
+        return left * min(max(force, -_PUSH_N), _PUSH_N)
+
+
+class Glass:
+    """A world of which some stretches let beams through, to whatever is behind them."""
+
+    def __init__(self, world: RayCaster, panes: Sequence[Fault]) -> None:
+        self._world, self._panes, self.t_ns = world, panes, 0
+
+    def cast(self, origins_m: FloatArray, directions: FloatArray, cutoff_m: float) -> FloatArray:
+        """As ``RayCaster.cast``; a beam goes through four panes at most."""
+        ranges = self._world.cast(origins_m, directions, cutoff_m)
+        panes = [p for p in self._panes if p.on(self.t_ns)]
+        boxes = [np.array((p.min_m, p.max_m), np.float64) for p in panes]
+        for _ in range(_PANES):
+            ends = origins_m + ranges[:, None] * directions
+            inside = np.zeros(len(ranges), bool)
+            for low, high in boxes:
+                inside |= np.all((ends[:, :2] >= low) & (ends[:, :2] <= high), axis=1)
+            for i in np.nonzero(inside & (ranges >= 0.0))[0]:
+                ranges[i] = self._beyond(ends[i], directions[i], ranges[i], cutoff_m)
+            if not inside.any():
+                break
+        return ranges
+
+    def _beyond(
+        self, end: FloatArray, direction: FloatArray, range_m: float, cutoff_m: float
+    ) -> float:
+        start = (end + _THROUGH_M * direction)[None]
+        more = float(self._world.cast(start, direction[None].copy(), cutoff_m)[0])
+        total = range_m + _THROUGH_M + more
+        return total if more >= 0.0 and total <= cutoff_m else -1.0
