@@ -47,6 +47,7 @@ _STATIONARY_RADPS = 0.02  # a gyro that says more, its bias taken off, says that
 _REJECTIONS_BEFORE_TRUST = 5
 _REMEMBERED_PERIODS = 4
 _NO_GYRO_VAR = 1e6
+_LONE_BELT_GATE = 4.0  # squared deviations within which a belt is heard though the other is not
 _HISTORY_NS = 500_000_000
 
 
@@ -114,7 +115,7 @@ class Ekf:
                 config.icr_walk,
             ]
         )
-        self._gates = np.array([chdtri(n, 1.0 - config.gate_probability) for n in (1, 2)])
+        self._gates = np.array([_LONE_BELT_GATE, chdtri(2, 1.0 - config.gate_probability)])
         self._fix_gate = float(chdtri(3, 1.0 - config.gate_probability))
         self._filter = PeriodicEkf(dim_x=STATES, dim_z=3)
         self._filter.x = np.array([*pose, 0.0, 0.0, 0.0, config.gauge_ratio, 0.0, 0.0])

@@ -180,7 +180,7 @@ class Faults:
         if scan is not None:
             for fault in self._of("beams_dropped"):
                 if fault.on(t_ns):
-                    gone = self._rng.random(len(scan.ranges_m)) < fault.share
+                    gone = self._rng.random(len(scan.ranges_m)) < (fault.share or 0.0)
                     scan = replace(scan, ranges_m=np.where(gone, np.inf, scan.ranges_m))
             if late:
                 due = t_ns + round(1e9 * max(fault.delay_s or 0.0 for fault in late))
