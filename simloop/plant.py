@@ -123,12 +123,9 @@ class Plant:
             )
         )
         self._radius_m = config.vehicle.sprocket_radius_m
-<<<<<<< HEAD
-        self._zones = friction_map(config.tracks.zones, config.tracks.friction_image)
-=======
-        self._zones = self._ground = zone_rows(config.tracks.zones)
+        self._ground = friction_map(config.tracks.zones, config.tracks.friction_image)
+        self._zones = self._ground
         self._wheel_geoms = wheels
->>>>>>> db2497f (Localiser: odom and map frames, health, a vote when a fix is refused, search of the whole map; faults on purpose)
         joints = [model.joint(f"sprocket_{side}_joint") for side in ("left", "right")]
         # Loose things of the arena may come first: all that the kernels see begins at the vehicle.
         root = model.joint("root")
@@ -277,16 +274,19 @@ class Plant:
             if friction is not None
             for x, y, _ in side
         ]
-        self._zones = np.concatenate((self._ground, rows)) if rows else self._ground
+        zones = self._ground.zones
+        self._zones = self._ground._replace(
+            zones=np.concatenate((zones, rows)) if rows else zones
+        )
 
     def push(self, force_n: FloatArray) -> None:
         """A force (2,) on the chassis, in the world, from now on."""
-        self.data.qfrc_applied[:2] = force_n
+        self._body.joint_force[:2] = force_n
 
     def put_down(self, pose: FloatArray) -> None:
         """Stand at ``pose`` (3,) x, y, yaw, at rest; the sprockets keep their angles."""
-        self.data.qpos[:2] = pose[:2]
-        self.data.qpos[3:7] = np.cos(pose[2] / 2), 0.0, 0.0, np.sin(pose[2] / 2)
+        self._qpos[:2] = pose[:2]
+        self._qpos[3:7] = np.cos(pose[2] / 2), 0.0, 0.0, np.sin(pose[2] / 2)
         self._qvel[:] = 0.0
         mujoco.mj_forward(self.model, self.data)
 

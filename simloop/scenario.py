@@ -60,12 +60,9 @@ class Scenario:
     goal_tolerance_m: Positive = 0.10
     obstacles: tuple[Obstacle, ...] = ()
     clutter: Clutter | None = None
-<<<<<<< HEAD
     terrain: Terrain | None = None
     loose: tuple[Loose, ...] = ()
-=======
     faults: tuple[Fault, ...] = ()
->>>>>>> db2497f (Localiser: odom and map frames, health, a vote when a fix is refused, search of the whole map; faults on purpose)
     config: Config = Field(default_factory=Config)
 
     @model_validator(mode="after")

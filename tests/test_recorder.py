@@ -13,22 +13,13 @@ import numpy as np
 import pytest
 from synthetic_run import GOAL, OFF, SyntheticRun
 
-<<<<<<< HEAD
 from simloop.arena import bounds_of, build
-from simloop.config import VehicleConfig
-from simloop.messages import EncoderReading, MapUpdate, Plan, Truth, WorldView
-from simloop.odometry import Odometry, compose_all, inverse_all
-from simloop.record_columns import ellipses, nees, occupancy_percent
-from simloop.recorder import TIMELINE, NullRecorder, RerunRecorder
-from simloop.scene_shapes import scene_bodies, scene_shapes
-=======
-from simloop.arena import bounds_of, build, scene_bodies, scene_shapes
 from simloop.messages import MapUpdate, Plan, Truth, WorldView
 from simloop.odometry import compose_all
 from simloop.record_columns import ellipses, nees, occupancy_percent
 from simloop.recorder import TIMELINE, NullRecorder, RerunRecorder
+from simloop.scene_shapes import scene_bodies, scene_shapes
 from simloop.se2 import compose
->>>>>>> db2497f (Localiser: odom and map frames, health, a vote when a fix is refused, search of the whole map; faults on purpose)
 
 MODEL = build("experiment")
 SECONDS = 5.0
