@@ -66,7 +66,7 @@ class History:
         gauge_m: float,
         gates: FloatArray,
     ) -> tuple[FloatArray, FloatArray]:
-        """Put another belief into a row; the one of now that follows from it by all inputs since."""
+        """Put another belief into a row; the one of now that follows from all inputs since."""
         self._states[row], self._covariances[row] = x, p
         count = (self._last - row) % len(self._t_ns)
         if count == 0:

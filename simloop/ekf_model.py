@@ -228,7 +228,7 @@ def gate_wheels(
     """Mark in a period's inputs which belts do not go with the belief: they slip, or are stuck.
 
     gates: (2,) squared Mahalanobis distances that one and two belts may have. Where both together
-    are too far off, the worse is left out; and the other too, unless it goes well with the belief by
+    are too far off, the worse is left out; the other too, unless it goes well with the belief by
     itself: tracks that start with a jerk both slip, and half of that told would be a wrong speed.
     """
     left, right = wheel_jacobian(x, gauge, 1.0), wheel_jacobian(x, gauge, -1.0)
