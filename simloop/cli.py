@@ -211,6 +211,26 @@ def bench_planners(json_file: JsonFile = None) -> int:
     return 0
 
 
+@bench_app.command("faults")
+def bench_faults(
+    json_file: JsonFile = None,
+    seeds: Annotated[int, typer.Option(min=1, help="Runs of each fault.")] = 20,
+) -> int:
+    """Faults on purpose: exit code 0 if the robot handled every one, 1 if not."""
+    _check_json(json_file)
+    from simloop import bench_faults
+    from simloop.report import checking
+
+    trials = []
+    with checking(Console(stderr=True)) as report:
+        for trial in bench_faults.run(seeds, report):
+            trials.append(trial)
+    figures = bench_faults.figures(trials)
+    bench_faults.print_figures(Console(), figures)
+    _write_json(json_file, figures)
+    return 0 if figures["ok"] else 1
+
+
 class _Watch:
     """A simulation, and whoever keeps something of it: the recording is closed in any case."""
 

@@ -22,7 +22,7 @@ _HALTING = {NO_SCANS, LOST}
 _SCANS_MISSED = 3
 _READINGS_MISSED_NS = 50_000_000
 _BELT_TICKS = 30
-_BELT_SHARE = 0.5
+_BELT_SHARE = 0.8
 _MISFITS_TO_HALT = 2
 _MISFITS_TO_BE_LOST = 4
 
@@ -44,6 +44,11 @@ class HealthMonitor:
     def lost(self) -> bool:
         """Whether the pose is not to be believed at all."""
         return self.lost_since_ns is not None
+
+    def sure_until_ns(self, t_ns: int) -> int:
+        """Until when it had scans, and knew where it was."""
+        known_ns = t_ns if self.lost_since_ns is None else self.lost_since_ns
+        return min(known_ns, self._last_scan_ns)
 
     @property
     def belts_heard(self) -> tuple[bool, bool]:

@@ -38,7 +38,7 @@ from simloop.slam_grid import GridSlam
 
 _LEAST_POINTS = 10  # in a scan that says anything
 _POOR_SCORE = 0.6  # share of the points that meet the map: with fewer a fit is a matter of luck
-_SHOVE_MPS2 = 0.8  # sideways, more than tracks make of themselves, over _SHOVE_TICKS
+_SHOVE_MPS2 = 1.5  # sideways, more than tracks make of themselves, over _SHOVE_TICKS
 _SHOVE_TICKS = 5
 _SHOVE_NS = 300_000_000
 _SHOVE_VAR = 0.1  # m^2/s: a decimetre in a scan's time
@@ -79,8 +79,7 @@ class Localiser:
     @property
     def gave_up(self) -> bool:
         """Whether it has been lost, or without scans, for too long."""
-        since_ns = self.health.lost_since_ns
-        return since_ns is not None and self._now_ns - since_ns > _GIVE_UP_NS
+        return self._now_ns - self.health.sure_until_ns(self._now_ns) > _GIVE_UP_NS
 
     def step(
         self, encoders: EncoderReading, imu: ImuReading, scan: LidarScan | None, driven: bool
