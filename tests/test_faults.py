@@ -80,10 +80,13 @@ def test_beams_go_through_glass_to_what_is_behind():
 
 def test_the_plant_slips_on_one_side_is_pushed_and_is_put_down():
     plant = plant_on_plane()
-    for _ in range(50):
+    pulls = []
+    for _ in range(30):
         plant.ice((0.01, None))  # it goes along with the track
-        truth = plant.step(np.array([12.0, 12.0]))
-    assert truth.velocity_body[5] > 0.05  # the right track alone pulls
+        plant.step(np.array([12.0, 12.0]))
+        pulls.append(plant.tracks.track_force.copy())
+    most = np.max(pulls, axis=0)
+    assert most[0] <= 0.01 * 98.1 and most[1] > 5.0
     plant.ice((None, None))
     it = faults({"kind": "pushed", "at_s": 0.0, "for_s": 0.5, "shift_m": 0.3})
     plant.reset(np.zeros(3))
