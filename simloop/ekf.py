@@ -115,7 +115,9 @@ class Ekf:
                 config.icr_walk,
             ]
         )
-        self._gates = np.array([_LONE_BELT_GATE, chdtri(2, 1.0 - config.gate_probability)])
+        lone_var = quantum**2 * (1.0 - 1.0 / _REMEMBERED_PERIODS)
+        pair_gate = chdtri(2, 1.0 - config.gate_probability)
+        self._gates = np.array([_LONE_BELT_GATE, pair_gate, lone_var])
         self._fix_gate = float(chdtri(3, 1.0 - config.gate_probability))
         self._filter = PeriodicEkf(dim_x=STATES, dim_z=3)
         self._filter.x = np.array([*pose, 0.0, 0.0, 0.0, config.gauge_ratio, 0.0, 0.0])

@@ -227,14 +227,15 @@ def gate_wheels(
 ) -> None:
     """Mark in a period's inputs which belts do not go with the belief: they slip, or are stuck.
 
-    gates: (2,) squared Mahalanobis distances that one and two belts may have. Where both together
+    gates: (3,) squared Mahalanobis distances that one and two belts may have, and (m/s)^2 by which
+    one reading alone errs more than several that follow one another. Where both together
     are too far off, the worse is left out; the other too, unless it goes well with the belief by
     itself: tracks that start with a jerk both slip, and half of that told would be a wrong speed.
     """
     left, right = wheel_jacobian(x, gauge, 1.0), wheel_jacobian(x, gauge, -1.0)
     by_left, by_right = times(p, left), times(p, right)
-    a = dot(left, by_left) + inputs[LEFT_VAR]
-    c = dot(right, by_right) + inputs[RIGHT_VAR]
+    a = dot(left, by_left) + inputs[LEFT_VAR] + gates[2]
+    c = dot(right, by_right) + inputs[RIGHT_VAR] + gates[2]
     r = inputs[LEFT] - wheel_speed(x, gauge, 1.0)
     s = inputs[RIGHT] - wheel_speed(x, gauge, -1.0)
     inputs[NO_LEFT] = inputs[NO_RIGHT] = 0.0
