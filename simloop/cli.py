@@ -211,6 +211,30 @@ def bench_planners(json_file: JsonFile = None) -> int:
     return 0
 
 
+@app.command("replay")
+def replay(
+    log: Annotated[Path, typer.Argument(help="A CARMEN .log or .clf, or an .npz of scans.")],
+    json_file: JsonFile = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Map, trajectory (TUM) and recording.")
+    ] = None,
+    relations: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Relative relations to measure the trajectory by."),
+    ] = None,
+) -> int:
+    """Matcher and mapper on a recorded log of a real robot."""
+    from simloop.replay import session
+
+    files = session.ReplayFiles(out, json_file)
+    files.check(log, relations)
+    read, truth = session.load(log, relations)
+    figures = session.run(read, truth, files)
+    session.print_figures(Console(), figures)
+    _write_json(json_file, figures)
+    return 0
+
+
 class _Watch:
     """A simulation, and whoever keeps something of it: the recording is closed in any case."""
 
