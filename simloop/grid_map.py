@@ -136,15 +136,34 @@ class GridMap:
 
     @classmethod
     def of(cls, config: SlamConfig, origin_m: FloatArray, log_odds: np.ndarray) -> GridMap:
-        """A map that begins with given log-odds (rows, cols): each surface in its cell's middle."""
+        """A map that begins with given log-odds (rows, cols): each surface in its cell's middle.
+
+        origin_m: (2,) of the first cell's lower left corner.
+        """
         grid = cls(config)
         rows, cols = log_odds.shape
-        pads = ((0, -rows % _CHUNK), (0, -cols % _CHUNK))
         grid.origin_m = np.array(origin_m, np.float64)
-        grid._pad(pads)
-        grid.log_odds[:rows, :cols] = log_odds
-        grid._pad(((0, rows + pads[0][1]), (0, cols + pads[1][1]))) if False else None
+        grid._pad(((0, rows + -rows % _CHUNK), (0, cols + -cols % _CHUNK)))
+        grid.log_odds[:rows, :cols] = np.clip(log_odds, -config.max_log_odds, config.max_log_odds)
+        grid.occupied[:] = grid.log_odds > config.occupied_log_odds
+        at = np.nonzero(grid.occupied)
+        grid.hits[at] = np.stack(
+            [(k + 0.5) * config.resolution_m for k in at[::-1]] + [np.ones(len(at[0]))], axis=1
+        )
+        grid.scans = 1
+        grid.renew_fields()
         return grid
+
+    def renew_fields(self) -> None:
+        """Make the search's fields anew, without surfaces that have gone from the map since."""
+        for field in self._fields:
+            field[:] = 0
+        raise_field(self.surfaces(), *self.origin_m.tolist(), self.resolution_m, *self._fields)
+
+    def surfaces(self) -> FloatArray:
+        """(k, 2) m, the hit mean of every occupied cell."""
+        hits = self.hits[self.occupied]
+        return self.origin_m + hits[:, :2] / np.maximum(hits[:, 2:], 1.0)
 
     def _grow_to_hold(self, points: FloatArray, pose: FloatArray) -> bool:
         """Make the grid hold all points of the scan, the robot, and a margin; False: it may not."""

@@ -1,0 +1,207 @@
+"""The mapper: scans and wheel odometry in, trajectory and map out.
+
+A scan is matched to the submap that the scans before it made (front end); keyframes and what joins
+them go into a graph, loop closures are looked for in older submaps, and the graph says where the
+keyframes stand (back end). The front end's own frame stays smooth; the map's may jump.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from simloop.correlative import thinned
+from simloop.ekf_model import inverse_3
+from simloop.grid_map import GridMap
+from simloop.mapping.closures import ClosureFinder, turned
+from simloop.mapping.pose_graph import Edge, PoseGraph
+from simloop.mapping.settings import MappingConfig
+from simloop.mapping.submap import Submap
+from simloop.messages import FloatArray
+from simloop.se2 import between, compose, wrap_angle
+
+_NEXT_TO_NOTHING = 1e-3 * np.eye(3)
+_FIRST_POINTS = 10  # a scan with fewer hits is not matched
+_LOST_KEYFRAMES = 3  # in a row that fit nothing: a new submap is begun
+_WIDEST_M, _WIDEST_RAD = 1.0, 0.5
+
+
+class GraphMapper:
+    """Scans in the order of their times.
+
+    ``pose`` (3,): base_link in map, now. ``unmatched``: scans that fitted nothing.
+    """
+
+    def __init__(self, config: MappingConfig | None = None) -> None:
+        self._config = config if config is not None else MappingConfig()
+        self.graph = PoseGraph()
+        self.closures = ClosureFinder(self._config, self.graph)
+        self.submaps: list[Submap] = []
+        self.unmatched = 0
+        self._active: list[Submap] = []
+        self._odom: FloatArray | None = None
+        self._local = np.zeros(3)
+        self._covariance = np.zeros((3, 3))
+        self._points: list[FloatArray] = []
+        self._origins: list[FloatArray] = []
+        self._locals: list[FloatArray] = []
+        self._trail: list[tuple[int, FloatArray]] = []
+        self._lost = 0
+        self._submap_ended = False
+
+    @property
+    def pose(self) -> FloatArray:
+        """(3,) base_link in map."""
+        keyframe, offset = self._trail[-1]
+        return compose(self.graph.poses[keyframe], offset)
+
+    def trajectory(self) -> FloatArray:
+        """(n, 3) base_link in map at each scan, by what is known by now."""
+        return np.array([compose(self.graph.poses[k], offset) for k, offset in self._trail])
+
+    def step(self, points: FloatArray, origins: FloatArray, odom: FloatArray) -> bool:
+        """Take a scan, points and origins (n, 2) in base_link, at raw odometry ``odom`` (3,).
+
+        True if it became a keyframe.
+        """
+        if self._odom is None:
+            self._odom = np.array(odom, np.float64)
+            self._keyframe(points, origins, True)
+            return True
+        motion = between(self._odom, odom)
+        self._odom = np.array(odom, np.float64)
+        self._predict(motion)
+        matched = self._match(points)
+        self.unmatched += not matched
+        off = between(self._locals[-1], self._local)
+        far = math.hypot(off[0], off[1]) >= self._config.keyframe_m
+        if far or abs(off[2]) >= self._config.keyframe_rad:
+            self._keyframe(points, origins, matched)
+            return True
+        self._trail.append((len(self._locals) - 1, off))
+        return False
+
+    def finish(self) -> None:
+        """The last word on all poses."""
+        if self.graph.has_news:
+            self.graph.optimise()
+
+    def map(self) -> GridMap:
+        """The map made anew from all keyframes where they stand by now."""
+        grid = GridMap(self._config.grid)
+        for points, origins, pose in zip(
+            self._points, self._origins, self.graph.poses, strict=True
+        ):
+            grid.insert(points, origins, pose)
+        return grid
+
+    def _predict(self, motion: FloatArray) -> None:
+        config = self._config
+        way, turn = math.hypot(motion[0], motion[1]), abs(motion[2])
+        along = (
+            config.odometry_xy_m
+            + config.odometry_xy_per_m * way
+            + config.odometry_xy_per_rad * turn
+        )
+        yaw = (
+            config.odometry_yaw_rad
+            + config.odometry_yaw_per_m * way
+            + config.odometry_yaw_per_rad * turn
+        )
+        moved = compose(self._local, motion)
+        dx, dy = moved[:2] - self._local[:2]
+        jacobian = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
+        self._covariance = jacobian @ self._covariance @ jacobian.T
+        self._covariance += np.diag(np.square([along, along, yaw]))
+        self._local = moved
+
+    def _match(self, points: FloatArray) -> bool:
+        """Correct the pose by where the scan fits the older active submap; False: nowhere."""
+        if len(points) < _FIRST_POINTS:
+            return False
+        config, grid = self._config, self._active[0].grid
+        prior, spread = self._local, np.sqrt(np.diag(self._covariance))
+        window = np.array(
+            [
+                min(_WIDEST_M, 3.0 * max(spread[0], spread[1])),
+                min(_WIDEST_RAD, 3.0 * spread[2]),
+            ]
+        )
+        few = thinned(points, config.grid.resolution_m, config.search_points)
+        found, score = grid.search(few, prior, window, 0.1 / window**2)
+        if score < 0.0:
+            return False
+        pose, information, share, residual = grid.refine(points, found)
+        if share < config.least_share or residual > config.grid.most_residual:
+            return False
+        if math.dist(pose[:2], found[:2]) > 3.0 * config.grid.resolution_m:
+            return False
+        noise = inverse_3(information + _NEXT_TO_NOTHING) * max(residual, 0.1)
+        noise += np.diag(np.square([config.grid.match_std_xy_m] * 2 + [config.match_std_yaw_rad]))
+        gain = self._covariance @ inverse_3(self._covariance + noise)
+        off = pose - prior
+        off[2] = wrap_angle(off[2])
+        self._local = prior + gain @ off
+        self._local[2] = wrap_angle(self._local[2])
+        covariance = (np.eye(3) - gain) @ self._covariance
+        self._covariance = 0.5 * (covariance + covariance.T)
+        return True
+
+    def _keyframe(self, points: FloatArray, origins: FloatArray, matched: bool) -> None:
+        self._lost = 0 if matched else self._lost + 1
+        self._points.append(points)
+        self._origins.append(origins)
+        number = self._join(self._local)
+        self._locals.append(self._local.copy())
+        self._trail.append((number, np.zeros(3)))
+        if self._lost >= _LOST_KEYFRAMES:
+            self._end_submaps()
+        self._enter(number, points, origins)
+        if number % self._config.closure_every == 0:
+            closures = self.closures.look(self.submaps, self._points, self._locals)
+            for edge in closures:
+                self.graph.add_edge(edge)
+            if len(closures) > 1 or self._submap_ended:
+                self._correct()
+
+    def _correct(self) -> None:
+        if self.graph.has_news:
+            self.graph.optimise()
+        self._submap_ended = False
+
+    def _join(self, local: FloatArray) -> int:
+        """Put a keyframe into the graph, where the front end has it."""
+        if not self._locals:
+            return self.graph.add_pose(local)
+        before = len(self._locals) - 1
+        way = between(self._locals[before], local)
+        number = self.graph.add_pose(compose(self.graph.poses[before], way))
+        pairs = [(before, self._locals[before], way)]
+        submap = self._active[0]
+        if submap.anchor != before:
+            pairs.append((submap.anchor, submap.anchor_pose, between(submap.anchor_pose, local)))
+        config = self._config
+        floor = np.diag(np.square([config.match_std_xy_m] * 2 + [config.match_std_yaw_rad]))
+        for first, pose, step in pairs:
+            covariance = turned(self._covariance, -pose[2]) + floor
+            self.graph.add_edge(Edge(first, number, step, covariance, False))
+        return number
+
+    def _enter(self, number: int, points: FloatArray, origins: FloatArray) -> None:
+        half = self._config.submap_keyframes // 2
+        if not self._active or len(self._active[-1].keyframes) >= half:
+            self._active.append(Submap(self._config.grid, number, self._local))
+            self.submaps.append(self._active[-1])
+        if len(self._active) > 2:
+            self._active.pop(0).finish()
+            self._submap_ended = True
+        for submap in self._active:
+            submap.add(number, points, origins, self._local)
+
+    def _end_submaps(self) -> None:
+        for submap in self._active:
+            submap.finish()
+        self._active = []
+        self._covariance = np.zeros((3, 3))
+        self._submap_ended = True
