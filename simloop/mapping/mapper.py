@@ -8,6 +8,7 @@ keyframes stand (back end). The front end's own frame stays smooth; the map's ma
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,6 +26,16 @@ _NEXT_TO_NOTHING = 1e-3 * np.eye(3)
 _FIRST_POINTS = 10  # a scan with fewer hits is not matched
 _LOST_KEYFRAMES = 3  # in a row that fit nothing: a new submap is begun
 _WIDEST_M, _WIDEST_RAD = 1.0, 0.5
+_BETTER = 0.05  # by which a fit far from where odometry has it must be better
+_SURPRISE = 9.0  # squared Mahalanobis distance
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fit:
+    pose: FloatArray
+    information: FloatArray
+    score: float
+    residual: float
 
 
 class GraphMapper:
@@ -72,7 +83,7 @@ class GraphMapper:
         motion = between(self._odom, odom)
         self._odom = np.array(odom, np.float64)
         self._predict(motion)
-        matched = self._match(points)
+        matched = self._match(points, math.hypot(motion[0], motion[1]))
         self.unmatched += not matched
         off = between(self._locals[-1], self._local)
         far = math.hypot(off[0], off[1]) >= self._config.keyframe_m
@@ -116,37 +127,59 @@ class GraphMapper:
         self._covariance += np.diag(np.square([along, along, yaw]))
         self._local = moved
 
-    def _match(self, points: FloatArray) -> bool:
-        """Correct the pose by where the scan fits the older active submap; False: nowhere."""
+    def _match(self, points: FloatArray, step: float) -> bool:
+        """Correct the pose by where the scan fits the older active submap; False: nowhere.
+
+        step: m, how far odometry says the robot has moved since the last scan. It may be wrong
+        altogether (wheels that spin, counters that take backwards for forwards): where the scan
+        does not fit about where odometry has it, it is looked for as far as that on either side.
+        """
         if len(points) < _FIRST_POINTS:
             return False
-        config, grid = self._config, self._active[0].grid
-        prior, spread = self._local, np.sqrt(np.diag(self._covariance))
-        window = np.array(
-            [
-                min(_WIDEST_M, 3.0 * max(spread[0], spread[1])),
-                min(_WIDEST_RAD, 3.0 * spread[2]),
-            ]
-        )
-        few = thinned(points, config.grid.resolution_m, config.search_points)
-        found, score = grid.search(few, prior, window, 0.1 / window**2)
-        if score < 0.0:
+        spread = np.sqrt(np.diag(self._covariance))
+        near = np.array([3.0 * max(spread[0], spread[1]), 3.0 * spread[2]])
+        few = thinned(points, self._config.grid.resolution_m, self._config.search_points)
+        found = self._fit(points, few, near)
+        if found is None or found.score < self._config.good_score:
+            far = self._fit(points, few, near + (2.0 * step + 0.1, 0.1))
+            if far is not None and (found is None or far.score > found.score + _BETTER):
+                found = far
+        if found is None:
             return False
+        self._correct_by(found)
+        return True
+
+    def _fit(self, points: FloatArray, few: FloatArray, window: FloatArray) -> _Fit | None:
+        """The best fit within ``window`` (2,) m, rad about the pose, or None."""
+        config, grid = self._config, self._active[0].grid
+        window = np.minimum(window, (_WIDEST_M, _WIDEST_RAD))
+        found, score = grid.search(few, self._local, window, 0.1 / window**2)
+        if score < 0.0:
+            return None
         pose, information, share, residual = grid.refine(points, found)
         if share < config.least_share or residual > config.grid.most_residual:
-            return False
+            return None
         if math.dist(pose[:2], found[:2]) > 3.0 * config.grid.resolution_m:
-            return False
-        noise = inverse_3(information + _NEXT_TO_NOTHING) * max(residual, 0.1)
-        noise += np.diag(np.square([config.grid.match_std_xy_m] * 2 + [config.match_std_yaw_rad]))
-        gain = self._covariance @ inverse_3(self._covariance + noise)
-        off = pose - prior
+            return None
+        return _Fit(pose, information, score, residual)
+
+    def _correct_by(self, fit: _Fit) -> None:
+        """Weigh the fit against what odometry says (a Kalman update)."""
+        config = self._config
+        noise = inverse_3(fit.information + _NEXT_TO_NOTHING) * max(fit.residual, 0.1)
+        noise += np.diag(np.square([config.fit_std_xy_m] * 2 + [config.fit_std_yaw_rad]))
+        off = fit.pose - self._local
         off[2] = wrap_angle(off[2])
-        self._local = prior + gain @ off
+        weight = inverse_3(self._covariance + noise)
+        surprise = float(off @ weight @ off)
+        if surprise > _SURPRISE:  # odometry was not what it is thought to be
+            self._covariance *= surprise / _SURPRISE
+            weight = inverse_3(self._covariance + noise)
+        gain = self._covariance @ weight
+        self._local = self._local + gain @ off
         self._local[2] = wrap_angle(self._local[2])
         covariance = (np.eye(3) - gain) @ self._covariance
         self._covariance = 0.5 * (covariance + covariance.T)
-        return True
 
     def _keyframe(self, points: FloatArray, origins: FloatArray, matched: bool) -> None:
         self._lost = 0 if matched else self._lost + 1

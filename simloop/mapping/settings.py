@@ -30,6 +30,9 @@ class MappingConfig:
     odometry_yaw_per_rad: float = 0.1
     search_points: int = 150
     least_share: float = 0.3
+    good_score: float = 0.6
+    fit_std_xy_m: float = 0.005
+    fit_std_yaw_rad: float = 0.002
     keyframe_m: float = 0.3
     keyframe_rad: float = 0.3
     submap_keyframes: int = 40

@@ -85,7 +85,8 @@ def _read_npz(path: Path) -> LaserLog:
     offset = table.get("laser_offset_x_m", np.zeros(1)).ravel()
     if offset.size != 1 or not np.isfinite(offset).all():
         raise InputError(f"{path}: laser_offset_x_m must be one number")
-    laser = np.array([offset[0], 0.0, 0.0])
+    # The offset leads from the laser to the poses that relations and odometry are of.
+    laser = np.array([-offset[0], 0.0, 0.0])
     angles = beam_angles(ranges.shape[1], fov)
     return sound_log(t_s, ranges, angles, odom, laser, str(path), relations)
 
