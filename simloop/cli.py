@@ -214,7 +214,10 @@ def bench_planners(json_file: JsonFile = None) -> int:
 @app.command("replay")
 def replay(
     log: Annotated[Path, typer.Argument(help="A CARMEN .log or .clf, or an .npz of scans.")],
-    json_file: JsonFile = None,
+    json_file: Annotated[
+        Path | None,
+        typer.Option("--json", metavar="FILE", help="Write the figures as JSON; -: to stdout."),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Map, trajectory (TUM) and recording.")
     ] = None,
@@ -225,13 +228,31 @@ def replay(
 ) -> int:
     """Matcher and mapper on a recorded log of a real robot."""
     from simloop.replay import session
+    from simloop.report import counting
 
     files = session.ReplayFiles(out, json_file)
     files.check(log, relations)
     read, truth = session.load(log, relations)
-    figures = session.run(read, truth, files)
-    session.print_figures(Console(), figures)
-    _write_json(json_file, figures)
+    notes, to_stdout = Console(stderr=True), json_file == session.STDOUT
+    with (
+        _stop_asked() as stop,
+        _compiling(notes) as report,
+        counting(notes, "scans", len(read.t_s)) as show,
+    ):
+
+        def go_on(done: int) -> bool:
+            show(done)
+            return not stop()
+
+        replayed = session.run(read, truth, go_on=go_on, report=report)
+        session.write(replayed, files)
+    if to_stdout:
+        print(json.dumps(replayed.figures, indent=2))
+    else:
+        session.print_figures(Console(), replayed.figures)
+        _write_json(json_file, replayed.figures)
+    if replayed.figures["interrupted"]:
+        sys.exit(INTERRUPTED)
     return 0
 
 

@@ -5,7 +5,8 @@ closure in 2D LIDAR SLAM"). A field holds how likely a hit is in each cell. Two 
 its maxima over blocks of 4 x 4 and of 16 x 16 cells, so that a coarse sum bounds every fine one
 under it: whole blocks of translations are passed over with one sum, and nothing is lost.
 
-All three are kept up as surfaces come into the map, not made anew: a new surface raises a few cells.
+All three are kept up as surfaces come into the map, not made anew: a new surface raises a few
+cells.
 """
 
 from __future__ import annotations

@@ -68,9 +68,7 @@ class ClosureFinder:
                 believed += self._weigh(found, local)
         return believed
 
-    def _cluster(
-        self, points: list[FloatArray], local: list[FloatArray], first: int
-    ) -> FloatArray:
+    def _cluster(self, points: list[FloatArray], local: list[FloatArray], first: int) -> FloatArray:
         """(n, 2) the last keyframes' points in base_link at the newest."""
         parts = [
             transform_points(between(local[-1], local[k]), points[k])
@@ -78,9 +76,7 @@ class ClosureFinder:
         ]
         return thinned(np.concatenate(parts), _THIN_M, self._config.cluster_points)
 
-    def _candidates(
-        self, old: list[Submap], newest: int, place: FloatArray
-    ) -> list[Submap]:
+    def _candidates(self, old: list[Submap], newest: int, place: FloatArray) -> list[Submap]:
         """Submaps that the newest keyframe may stand in, nearest first."""
         poses = np.array(self._graph.poses)[:, :2]
         ranked = []
@@ -97,11 +93,9 @@ class ClosureFinder:
         self, submap: Submap, newest: int, cluster: FloatArray, window: FloatArray
     ) -> _Find | None:
         config, poses = self._config, self._graph.poses
-        predicted = compose(
-            submap.anchor_pose, between(poses[submap.anchor], poses[newest])
-        )
+        predicted = compose(submap.anchor_pose, between(poses[submap.anchor], poses[newest]))
         window = np.minimum(
-            window + (2.0 * config.grid.resolution_m, 0.03),
+            window + np.array([2.0 * config.grid.resolution_m, 0.03]),
             (config.most_window_m, config.most_window_rad),
         )
         weights = 0.05 / window**2
@@ -123,9 +117,7 @@ class ClosureFinder:
             if submap.grid.search(cluster, predicted, window, weights, rival, but)[1] >= 0.0:
                 return None
         covariance = self._covariance(submap, pose, information, residual)
-        edge = Edge(
-            submap.anchor, newest, between(submap.anchor_pose, pose), covariance, True
-        )
+        edge = Edge(submap.anchor, newest, between(submap.anchor_pose, pose), covariance, True)
         return _Find(edge, bool(window[0] <= config.sure_window_m))
 
     def _covariance(

@@ -20,7 +20,10 @@ from simloop.mapping.pose_graph import Edge, PoseGraph
 from simloop.mapping.settings import MappingConfig
 from simloop.mapping.submap import Submap
 from simloop.messages import FloatArray
+from simloop.profiler import NullProfiler, Stopwatch
 from simloop.se2 import between, compose, wrap_angle
+
+STAGES = ("match", "insert", "closures", "graph")
 
 _NEXT_TO_NOTHING = 1e-3 * np.eye(3)
 _FIRST_POINTS = 10  # a scan with fewer hits is not matched
@@ -44,7 +47,11 @@ class GraphMapper:
     ``pose`` (3,): base_link in map, now. ``unmatched``: scans that fitted nothing.
     """
 
-    def __init__(self, config: MappingConfig | None = None) -> None:
+    def __init__(
+        self, config: MappingConfig | None = None, profiler: Stopwatch | None = None
+    ) -> None:
+        stages = profiler if profiler is not None else NullProfiler()
+        self._time = {name: stages.stage(name) for name in STAGES}
         self._config = config if config is not None else MappingConfig()
         self.graph = PoseGraph()
         self.closures = ClosureFinder(self._config, self.graph)
@@ -67,6 +74,11 @@ class GraphMapper:
         keyframe, offset = self._trail[-1]
         return compose(self.graph.poses[keyframe], offset)
 
+    @property
+    def keyframe_points(self) -> list[FloatArray]:
+        """Each keyframe's hits, (n, 2) in its base_link."""
+        return self._points
+
     def trajectory(self) -> FloatArray:
         """(n, 3) base_link in map at each scan, by what is known by now."""
         return np.array([compose(self.graph.poses[k], offset) for k, offset in self._trail])
@@ -83,7 +95,8 @@ class GraphMapper:
         motion = between(self._odom, odom)
         self._odom = np.array(odom, np.float64)
         self._predict(motion)
-        matched = self._match(points, math.hypot(motion[0], motion[1]))
+        with self._time["match"]:
+            matched = self._match(points, motion)
         self.unmatched += not matched
         off = between(self._locals[-1], self._local)
         far = math.hypot(off[0], off[1]) >= self._config.keyframe_m
@@ -94,9 +107,10 @@ class GraphMapper:
         return False
 
     def finish(self) -> None:
-        """The last word on all poses."""
+        """Put all keyframes where, by all that has been found, they stand."""
         if self.graph.has_news:
-            self.graph.optimise()
+            with self._time["graph"]:
+                self.graph.optimise()
 
     def map(self) -> GridMap:
         """The map made anew from all keyframes where they stand by now."""
@@ -127,11 +141,11 @@ class GraphMapper:
         self._covariance += np.diag(np.square([along, along, yaw]))
         self._local = moved
 
-    def _match(self, points: FloatArray, step: float) -> bool:
+    def _match(self, points: FloatArray, motion: FloatArray) -> bool:
         """Correct the pose by where the scan fits the older active submap; False: nowhere.
 
-        step: m, how far odometry says the robot has moved since the last scan. It may be wrong
-        altogether (wheels that spin, counters that take backwards for forwards): where the scan
+        motion: (3,) since the last scan by odometry, which may be wrong altogether
+        (wheels that spin, counters that take backwards for forwards): where the scan
         does not fit about where odometry has it, it is looked for as far as that on either side.
         """
         if len(points) < _FIRST_POINTS:
@@ -141,7 +155,8 @@ class GraphMapper:
         few = thinned(points, self._config.grid.resolution_m, self._config.search_points)
         found = self._fit(points, few, near)
         if found is None or found.score < self._config.good_score:
-            far = self._fit(points, few, near + (2.0 * step + 0.1, 0.1))
+            step, turn = math.hypot(motion[0], motion[1]), abs(motion[2])
+            far = self._fit(points, few, near + np.array([2.0 * step + 0.1, turn + 0.1]))
             if far is not None and (found is None or far.score > found.score + _BETTER):
                 found = far
         if found is None:
@@ -190,18 +205,16 @@ class GraphMapper:
         self._trail.append((number, np.zeros(3)))
         if self._lost >= _LOST_KEYFRAMES:
             self._end_submaps()
-        self._enter(number, points, origins)
+        with self._time["insert"]:
+            self._enter(number, points, origins)
         if number % self._config.closure_every == 0:
-            closures = self.closures.look(self.submaps, self._points, self._locals)
+            with self._time["closures"]:
+                closures = self.closures.look(self.submaps, self._points, self._locals)
             for edge in closures:
                 self.graph.add_edge(edge)
             if len(closures) > 1 or self._submap_ended:
-                self._correct()
-
-    def _correct(self) -> None:
-        if self.graph.has_news:
-            self.graph.optimise()
-        self._submap_ended = False
+                self._submap_ended = False
+                self.finish()
 
     def _join(self, local: FloatArray) -> int:
         """Put a keyframe into the graph, where the front end has it."""

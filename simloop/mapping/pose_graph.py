@@ -37,9 +37,7 @@ def library() -> Any:
     try:
         import gtsam
     except ImportError:
-        raise InputError(
-            "the pose graph needs gtsam: pip install 'simloop[slam]'"
-        ) from None
+        raise InputError("the pose graph needs gtsam: pip install 'simloop[slam]'") from None
     return gtsam
 
 
@@ -91,7 +89,7 @@ class PoseGraph:
         return math.dist(before[:2], self.poses[-1][:2])
 
     def uncertainty(self, source: int) -> tuple[FloatArray, FloatArray]:
-        """Standard deviations of all keyframes' places and yaws as seen from ``source``: (n,), (n,).
+        """Standard deviations (n,), (n,) of all keyframes' places and yaws as seen from ``source``.
 
         An upper bound: that along the best single way through the graph (Olson 2008). A yaw error
         at one of the way's keyframes moves the far end by its distance from there.

@@ -28,9 +28,7 @@ class Submap:
         self.keyframes: list[int] = []
         self.finished = False
 
-    def add(
-        self, keyframe: int, points: FloatArray, origins: FloatArray, pose: FloatArray
-    ) -> None:
+    def add(self, keyframe: int, points: FloatArray, origins: FloatArray, pose: FloatArray) -> None:
         """Enter a keyframe's scan at ``pose`` (3,)."""
         self.keyframes.append(keyframe)
         self.grid.insert(points, origins, pose)

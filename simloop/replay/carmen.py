@@ -62,7 +62,7 @@ def parse_carmen(lines: Iterable[str], name: str = "log") -> LaserLog:
     angles = beam_angles(beams)
     if chosen[0].sweep is not None:
         start, step = chosen[0].sweep
-        angles = start + step * np.arange(beams)
+        angles = np.asarray(start + step * np.arange(beams), np.float64)
     odom = np.array([scan.odom for scan in chosen])
     laser = _laser_offset(np.array([scan.laser for scan in chosen]), odom, offset)
     clocks = np.array([scan.clocks for scan in chosen])

@@ -12,6 +12,7 @@ import numpy as np
 from simloop.errors import InputError
 from simloop.messages import FloatArray
 
+_RANGE_MIN_M = 0.1  # what is nearer is the robot's own, or dust
 _NPZ_NEEDS = ("scan_t_s", "scan_ranges_m", "scan_odom_xyyaw", "fov_deg")
 _CARMEN_ENDS = (".log", ".clf", ".carmen", ".txt")
 
@@ -140,3 +141,24 @@ def usable_range_m(log: LaserLog) -> float:
     at_top = np.count_nonzero(ranges >= top - 1e-3 * max(1.0, top))
     repeated = at_top > max(3, 1e-5 * ranges.size)
     return (top - 1e-3 * max(1.0, top)) if repeated else top
+
+
+class ScanReader:
+    """A log's scans as points: each beam that met something, in base_link.
+
+    range_max_m: beyond it a hit is taken for none, however far the laser sees.
+    """
+
+    def __init__(self, log: LaserLog, range_max_m: float) -> None:
+        self._ranges = log.ranges_m
+        self._most = min(usable_range_m(log), range_max_m)
+        heading = log.angles_rad + log.base_from_laser[2]
+        self._direction = np.stack((np.cos(heading), np.sin(heading)), axis=1)
+        self._origin = log.base_from_laser[:2]
+
+    def points(self, scan: int) -> tuple[FloatArray, FloatArray]:
+        """Hits and the beams' origins, both (n, 2) m."""
+        ranges = self._ranges[scan]
+        heard = (ranges >= _RANGE_MIN_M) & (ranges <= self._most)
+        points = self._origin + ranges[heard, None] * self._direction[heard]
+        return points, np.tile(self._origin, (len(points), 1))
