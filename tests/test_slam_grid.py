@@ -183,7 +183,7 @@ def plain_refine_step(points, pose, slam):
         col, row = (math.floor(v / slam.resolution_m) for v in place)
         if not (0 <= row < slam.occupied.shape[0] and 0 <= col < slam.occupied.shape[1]):
             continue
-        if not surface_at(row, col, slam._hits, CONFIG.grain_m, slam.resolution_m, surface):
+        if not surface_at(row, col, slam.grid.hits, CONFIG.grain_m, slam.resolution_m, surface):
             continue
         off = place - surface[:2]
         inverse = np.array([[surface[2], surface[3]], [surface[3], surface[4]]])
@@ -205,7 +205,7 @@ def test_refinement_is_gauss_newton_with_every_surface_found_anew():
         if abs(step[0]) + abs(step[1]) < 1e-4 and abs(step[2]) < 1e-4:
             break
     fast, *_ = refine(
-        points, np.zeros(3), slam._hits, *slam.origin_m, slam.resolution_m, CONFIG.grain_m,
+        points, np.zeros(3), slam.grid.hits, *slam.origin_m, slam.resolution_m, CONFIG.grain_m,
         CONFIG.refine_steps,
     )  # fmt: skip
     np.testing.assert_allclose(fast, pose, atol=1e-9)
@@ -324,7 +324,7 @@ def test_a_wall_stays_where_it_is_wherever_the_cells_lie(off_m):
     x = 2.0 + off_m
     room = Room((x, -0.6, x, 0.6), (-x, -0.6, -x, 0.6))
     slam = mapped(room, [(0, 0, 0)] * 30, seed=3)
-    hits = slam._hits
+    hits = slam.grid.hits
     sums = hits[..., 0] + slam.origin_m[0] * hits[..., 2]
     columns = slam.origin_m[0] + slam.resolution_m * (np.arange(hits.shape[1]) + 0.5)
     for side in (-1.0, 1.0):
@@ -349,7 +349,7 @@ def test_the_planners_distances_are_those_to_the_surfaces():
     slam = mapped(SQUARE, [(0, 0, 0)] * 3)
     view = slam.view(0, np.array([1.0, 1.0]))
     rows, cols = np.nonzero(slam.occupied)
-    hits = slam._hits[rows, cols]
+    hits = slam.grid.hits[rows, cols]
     places = hits[:, :2] / hits[:, 2:] + slam.origin_m
     rng = np.random.default_rng(0)
     for row, col in rng.integers(0, min(slam.occupied.shape), (100, 2)):

@@ -39,8 +39,8 @@ class _Scan:
 
 def parse_carmen(lines: Iterable[str], name: str = "log") -> LaserLog:
     """The log's front laser. Raises InputError, which names the log, if it holds no scan."""
-    scans, skipped, offset = [], 0, 0.0
-    for line in lines:
+    scans, skipped, offset, bad_line = [], 0, 0.0, 0
+    for number, line in enumerate(lines, 1):
         words = line.split()
         if not words or words[0] not in ("FLASER", "ROBOTLASER1", "PARAM"):
             continue
@@ -52,9 +52,11 @@ def parse_carmen(lines: Iterable[str], name: str = "log") -> LaserLog:
             scans.append(_flaser(words) if words[0] == "FLASER" else _robotlaser(words))
         except (ValueError, IndexError):
             skipped += 1
+            bad_line = bad_line or number
     if not scans:
-        bad = f" ({skipped} laser lines that cannot be read)" if skipped else ""
-        raise InputError(f"{name}: holds no FLASER or ROBOTLASER1 line{bad}; not a CARMEN log?")
+        if skipped:
+            raise InputError(f"{name}, line {bad_line}: a laser line that cannot be read, like all")
+        raise InputError(f"{name}: holds no FLASER or ROBOTLASER1 line; not a CARMEN log?")
     # A log may be of two lasers, or have cut lines: the most usual number of beams is taken.
     beams = Counter(len(scan.ranges) for scan in scans).most_common(1)[0][0]
     chosen = [scan for scan in scans if len(scan.ranges) == beams]
