@@ -16,13 +16,13 @@ import numpy as np
 from simloop.correlative import thinned
 from simloop.ekf_model import inverse_3
 from simloop.mapping.pose_graph import Edge, PoseGraph
+from simloop.mapping.scan_tracker import NEXT_TO_NOTHING
 from simloop.mapping.settings import MappingConfig
-from simloop.mapping.submap import Submap
+from simloop.mapping.submap import Submap, meetings
 from simloop.messages import FloatArray
 from simloop.se2 import between, compose, transform_points, wrap_angle
 
 _THIN_M = 0.1
-_NEXT_TO_NOTHING = 1e-3 * np.eye(3)
 _RIVAL_M, _RIVAL_RAD = 0.5, 0.35
 _AGREE_M, _AGREE_RAD = 0.3, 0.06
 _MOST_CANDIDATES = 3
@@ -55,7 +55,7 @@ class ClosureFinder:
         old = [s for s in submaps if s.finished and s.keyframes[-1] < first]
         if not old:
             return []
-        cluster = self._cluster(points, local, first)
+        cluster = cluster_of(points[first:], local[first:], self._config.cluster_points)
         if len(cluster) < 0.1 * self._config.cluster_points:
             return []
         place, yaw = self._graph.uncertainty(newest)
@@ -67,14 +67,6 @@ class ClosureFinder:
             if found is not None:
                 believed += self._weigh(found, local)
         return believed
-
-    def _cluster(self, points: list[FloatArray], local: list[FloatArray], first: int) -> FloatArray:
-        """(n, 2) the last keyframes' points in base_link at the newest."""
-        parts = [
-            transform_points(between(local[-1], local[k]), points[k])
-            for k in range(len(local) - 1, first - 1, -1)
-        ]
-        return thinned(np.concatenate(parts), _THIN_M, self._config.cluster_points)
 
     def _candidates(self, old: list[Submap], newest: int, place: FloatArray) -> list[Submap]:
         """Submaps that the newest keyframe may stand in, nearest first."""
@@ -108,7 +100,7 @@ class ClosureFinder:
         moved = math.dist(pose[:2], found[:2])
         if residual > config.grid.most_residual or moved > 3.0 * config.grid.resolution_m:
             return None
-        agreement, overlap = submap.agreement(cluster, pose)
+        agreement, overlap = meetings(submap.grid, cluster, pose)
         if agreement < config.agreement or overlap < config.least_overlap:
             return None
         if window[0] > _RIVAL_M:
@@ -125,7 +117,7 @@ class ClosureFinder:
     ) -> FloatArray:
         config = self._config
         floor = np.square([config.closure_std_xy_m] * 2 + [config.closure_std_yaw_rad])
-        covariance = inverse_3(information + _NEXT_TO_NOTHING) * max(residual, 0.1)
+        covariance = inverse_3(information + NEXT_TO_NOTHING) * max(residual, 0.1)
         return turned(covariance, -submap.anchor_pose[2]) + np.diag(floor)
 
     def _weigh(self, find: _Find, local: list[FloatArray]) -> list[Edge]:
@@ -147,6 +139,15 @@ class ClosureFinder:
                 return [other, find.edge]
         self._waiting.append(find.edge)
         return []
+
+
+def cluster_of(points: list[FloatArray], poses: list[FloatArray], most: int) -> FloatArray:
+    """(n, 2) hits of scans taken at ``poses``, as one, in base_link at the last; about ``most``."""
+    parts = [
+        transform_points(between(poses[-1], pose), some)
+        for pose, some in zip(reversed(poses), reversed(points), strict=True)
+    ]
+    return thinned(np.concatenate(parts), _THIN_M, most)
 
 
 def turned(covariance: FloatArray, yaw: float) -> FloatArray:

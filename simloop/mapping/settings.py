@@ -17,7 +17,9 @@ class MappingConfig:
     closure, one every closure_every keyframes. agreement: the share that surfaces must have among
     the points that meet what the submap knows. sure_window_*: the search's size within which one
     closure suffices; beyond it a second must agree. match_std_*: of a match, whatever it says of
-    itself; closure_std_*: of a closure alike.
+    itself; closure_std_*: of a closure alike. rival_score: share of a find's score that no place
+    elsewhere may reach. least_score, lost_scans: in a known map, so many scans in a row that fit
+    no better mean lost.
     """
 
     grid: SlamConfig = field(default_factory=lambda: SlamConfig(match_std_xy_m=0.01))
@@ -50,3 +52,5 @@ class MappingConfig:
     most_window_m: float = 8.0
     most_window_rad: float = 0.8
     rival_score: float = 0.9
+    least_score: float = 0.25
+    lost_scans: int = 10

@@ -38,14 +38,20 @@ class Submap:
         self.finished = True
         self.grid.renew_fields()
 
-    def agreement(self, points: FloatArray, pose: FloatArray) -> tuple[float, float]:
-        """Of points (n, 2) placed at ``pose``: (share that meet surfaces among those that meet
-        something known, share that meet something known)."""
-        met, free = _meetings(
-            points, pose, *self.grid.origin_m.tolist(), self.grid.resolution_m,
-            self.grid.log_odds, self.grid.occupied,
-        )  # fmt: skip
-        return met / max(1, met + free), (met + free) / max(1, len(points))
+
+def meetings(grid: GridMap, points: FloatArray, pose: FloatArray) -> tuple[float, float]:
+    """Of points (n, 2) at ``pose`` (3,): (share that meet surfaces among those that meet anything
+    known, share that meet anything known).
+    """
+    met, free = _meetings(
+        points,
+        pose,
+        *grid.origin_m.tolist(),
+        grid.resolution_m,
+        grid.log_odds,
+        grid.occupied,
+    )
+    return met / max(1, met + free), (met + free) / max(1, len(points))
 
 
 @njit(cache=True)
