@@ -225,14 +225,22 @@ def replay(
         Path | None,
         typer.Option(metavar="FILE", help="Relative relations to measure the trajectory by."),
     ] = None,
+    prior: Annotated[
+        Path | None,
+        typer.Option("--map", metavar="FILE.yaml", help="Find the robot in this map; make none."),
+    ] = None,
 ) -> int:
     """Matcher and mapper on a recorded log of a real robot."""
+    from simloop.mapping.map_file import load_map
+    from simloop.mapping.settings import MappingConfig
     from simloop.replay import session
     from simloop.report import counting
 
     files = session.ReplayFiles(out, json_file)
-    files.check(log, relations)
+    files.check(log, relations, prior, prior and prior.with_suffix(".pgm"))
     read, truth = session.load(log, relations)
+    config = MappingConfig()
+    known = load_map(prior, config.grid) if prior is not None else None
     notes, to_stdout = Console(stderr=True), json_file == session.STDOUT
     with (
         _stop_asked() as stop,
@@ -244,7 +252,7 @@ def replay(
             show(done)
             return not stop()
 
-        replayed = session.run(read, truth, go_on=go_on, report=report)
+        replayed = session.run(read, truth, config, known, go_on, report)
         session.write(replayed, files)
     if to_stdout:
         print(json.dumps(replayed.figures, indent=2))

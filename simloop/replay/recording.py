@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +20,7 @@ _BASE = "map/base_link"
 _COLOURS = {"mapper": [30, 106, 201], "odometry": [200, 170, 60], "closures": [160, 60, 168]}
 
 
-def record(path: Path, replay: Replay, grid: GridMap) -> None:
+def record(path: Path, replay: Replay) -> None:
     """Write the whole replay. Raises OSError where the file cannot be opened."""
     import rerun as rr
 
@@ -33,19 +34,16 @@ def record(path: Path, replay: Replay, grid: GridMap) -> None:
     except RuntimeError as error:
         raise OSError(f"cannot record to {path}: {error}") from None
     stream.log("map", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    _log_map(stream, grid)
-    poses, log = replay.trajectory, replay.log
+    _log_map(stream, replay.map)
+    known = np.isfinite(replay.trajectory[:, 0])
+    poses, log = replay.trajectory[known], replay.log
+    times = log.t_s[: len(known)][known]
     _log_way(stream, "mapper", poses[:, :2])
-    _log_way(stream, "odometry", log.odom[: len(poses), :2])
-    graph = replay.mapper.graph
-    ends = [
-        np.array([graph.poses[edge.first][:2], graph.poses[edge.second][:2]])
-        for edge in graph.edges
-        if edge.closure
-    ]
-    if ends:
-        _log_strips(stream, "map/closures", ends, "closures", 0.01)
-    _send_poses(stream, log.t_s, poses)
+    _log_way(stream, "odometry", log.odom[: len(known), :2])
+    if replay.closures:
+        _log_strips(stream, "map/closures", replay.closures, "closures", 0.01)
+    if len(poses):
+        _send_poses(stream, times, poses)
     _send_scans(stream, replay)
     stream.flush()
     stream.disconnect()
@@ -75,7 +73,9 @@ def _log_way(stream: Any, name: str, xy: FloatArray) -> None:
     _log_strips(stream, f"map/trails/{name}", [xy], name, 0.02)
 
 
-def _log_strips(stream: Any, entity: str, strips: list[FloatArray], name: str, r: float) -> None:
+def _log_strips(
+    stream: Any, entity: str, strips: Sequence[FloatArray], name: str, r: float
+) -> None:
     import rerun as rr
 
     lines = [lifted(strip, 0.01) for strip in strips]
@@ -88,21 +88,21 @@ def _send_poses(stream: Any, t_s: FloatArray, poses: FloatArray) -> None:
     half, zero = 0.5 * poses[:, 2], np.zeros(len(poses))
     turns = np.stack([zero, zero, np.sin(half), np.cos(half)], axis=1)
     columns = rr.Transform3D.columns(translation=lifted(poses[:, :2], 0.0), quaternion=turns)
-    stream.send_columns(_BASE, indexes=[_times(t_s[: len(poses)])], columns=columns)
+    stream.send_columns(_BASE, indexes=[_times(t_s)], columns=columns)
 
 
 def _send_scans(stream: Any, replay: Replay) -> None:
     """The keyframes' scans, in base_link."""
     import rerun as rr
 
-    rows = replay.mapper.keyframe_points
+    rows = replay.keyframe_points
     if not rows:
         return
     columns = rr.Points3D.columns(positions=lifted(np.concatenate(rows), 0.02))
     stream.log(
         f"{_BASE}/scan", rr.Points3D.from_fields(colors=[214, 48, 48], radii=0.02), static=True
     )
-    times = replay.log.t_s[replay.keyframes]
+    times = replay.log.t_s[list(replay.keyframes)]
     stream.send_columns(
         f"{_BASE}/scan",
         indexes=[_times(times)],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -14,6 +14,8 @@ from rich.console import Console
 
 from simloop.compile_listener import Report, silent
 from simloop.errors import InputError
+from simloop.grid_map import GridMap
+from simloop.mapping.localise import Localiser
 from simloop.mapping.map_file import save_map
 from simloop.mapping.mapper import GraphMapper
 from simloop.mapping.settings import MappingConfig
@@ -36,12 +38,12 @@ class ReplayFiles:
     directory: Path | None
     figures: Path | None
 
-    def check(self, log: Path, relations: Path | None) -> None:
+    def check(self, *read: Path | None) -> None:
         """Raise InputError for what cannot be written, or would take the place of an input."""
-        sources = {path.resolve() for path in (log, relations) if path is not None}
+        sources = {path.resolve() for path in read if path is not None}
         if self.directory is not None:
             check_directory(self.directory, "--out")
-            for file in (self.map_file, self.trajectory, self.recording):
+            for file in (self.map_file, self.map_file.with_suffix(".pgm"), self.trajectory):
                 if file.resolve() in sources:
                     raise InputError(f"--out {self.directory}: would overwrite {file}")
         if self.figures is not None and self.figures != STDOUT:
@@ -68,12 +70,18 @@ class ReplayFiles:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Replay:
-    """A log's scans mapped, as far as they were: ``figures`` of it, and what made them."""
+    """A log's scans, as far as they were replayed.
+
+    trajectory: (n, 3) base_link in map, NaN where lost. keyframes: the scans whose hits (k, 2) are
+    in keyframe_points. closures: (2, 2) ends of each.
+    """
 
     log: LaserLog
-    mapper: GraphMapper
     trajectory: FloatArray
-    keyframes: list[int]
+    keyframes: Sequence[int]
+    keyframe_points: Sequence[FloatArray]
+    closures: Sequence[FloatArray]
+    map: GridMap
     figures: dict[str, Any]
 
 
@@ -108,31 +116,29 @@ def run(
     log: LaserLog,
     relations: FloatArray | None,
     config: MappingConfig | None = None,
+    prior: GridMap | None = None,
     go_on: Callable[[int], bool] = lambda done: True,
     report: Report = silent,
 ) -> Replay:
-    """Map the log's scans in their order.
+    """Map the log's scans in their order, or find the robot in a ``prior`` map.
 
     go_on: asked after each scan, with their number; False ends the replay there. report: hears of
     each kernel that is compiled, which no figure counts.
     """
     config = config if config is not None else MappingConfig()
-    profiler = Profiler()
-    mapper, reader = GraphMapper(config, profiler), ScanReader(log, config.range_max_m)
+    profiler, reader = Profiler(), ScanReader(log, config.range_max_m)
+    course = _Mapping(config, profiler) if prior is None else _Tracking(prior, config, profiler)
     warm_up(report)
-    keyframes, each = [], []
+    each = []
     began = perf_counter()
     for scan in range(len(log.t_s)):
         start = perf_counter()
-        points, origins = reader.points(scan)
-        if mapper.step(points, origins, log.odom[scan]):
-            keyframes.append(scan)
+        course.take(scan, *reader.points(scan), log.odom[scan])
         each.append(perf_counter() - start)
         if not go_on(scan + 1):
             break
-    mapper.finish()
+    poses = course.finish()
     wall_s = perf_counter() - began
-    poses = mapper.trajectory()
     count = len(poses)
     log_s = float(log.t_s[count - 1] - log.t_s[0])
     figures = {
@@ -143,16 +149,85 @@ def run(
         "real_time_factor": log_s / wall_s,
         **_percentiles("ms_per_scan", 1e3 * np.array(each)),
         **_percentiles("match_ms", np.array(profiler.stage("match").milliseconds)),
-        "scans_unmatched": mapper.unmatched,
         "lines_skipped": log.skipped,
-        "keyframes": len(keyframes),
-        "closures": sum(edge.closure for edge in mapper.graph.edges),
+        **course.figures(),
         "relations": measured(log, poses, relations),
         "odometry_only": measured(log, log.odom[:count], relations),
         "stages": profiler.summary(wall_s),
         "versions": versions(),
     }
-    return Replay(log, mapper, poses, keyframes, figures)
+    return Replay(log, poses, course.keyframes, course.keyframe_points, course.closures,
+                  course.map, figures)  # fmt: skip
+
+
+class _Mapping:
+    """Scans into the mapper."""
+
+    def __init__(self, config: MappingConfig, profiler: Profiler) -> None:
+        self._mapper = GraphMapper(config, profiler)
+        self.keyframes: list[int] = []
+
+    def take(self, scan: int, points: FloatArray, origins: FloatArray, odom: FloatArray) -> None:
+        if self._mapper.step(points, origins, odom):
+            self.keyframes.append(scan)
+
+    def finish(self) -> FloatArray:
+        self._mapper.finish()
+        return self._mapper.trajectory()
+
+    def figures(self) -> dict[str, Any]:
+        return {
+            "scans_unmatched": self._mapper.unmatched,
+            "keyframes": len(self.keyframes),
+            "closures": len(self.closures),
+        }
+
+    @property
+    def keyframe_points(self) -> list[FloatArray]:
+        return self._mapper.keyframe_points
+
+    @property
+    def closures(self) -> list[FloatArray]:
+        graph = self._mapper.graph
+        return [
+            np.array([graph.poses[edge.first][:2], graph.poses[edge.second][:2]])
+            for edge in graph.edges
+            if edge.closure
+        ]
+
+    @property
+    def map(self) -> GridMap:
+        return self._mapper.map()
+
+
+class _Tracking:
+    """Scans into a map that is given; where the robot is lost, no pose."""
+
+    closures: tuple[FloatArray, ...] = ()
+
+    def __init__(self, grid: GridMap, config: MappingConfig, profiler: Profiler) -> None:
+        self.map, self._localiser = grid, Localiser(grid, config)
+        self._time = profiler.stage("match")
+        self._poses: list[FloatArray] = []
+        self.keyframes: list[int] = []
+        self.keyframe_points: list[FloatArray] = []
+
+    def take(self, scan: int, points: FloatArray, origins: FloatArray, odom: FloatArray) -> None:
+        with self._time:
+            found = self._localiser.step(points, odom)
+        self._poses.append(self._localiser.pose if found else np.full(3, np.nan))
+        if found:
+            self.keyframes.append(scan)
+            self.keyframe_points.append(points)
+
+    def finish(self) -> FloatArray:
+        return np.array(self._poses)
+
+    def figures(self) -> dict[str, Any]:
+        return {
+            "scans_lost": len(self._poses) - len(self.keyframes),
+            "relocalised": self._localiser.relocalised,
+        }
 
 
 def write(replay: Replay, files: ReplayFiles) -> None:
@@ -165,11 +240,11 @@ def write(replay: Replay, files: ReplayFiles) -> None:
         files.directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"--out {files.directory}: cannot be made: {error.strerror}") from None
-    grid = replay.mapper.map()
-    save_map(grid, files.map_file)
+    save_map(replay.map, files.map_file)
+    known = np.isfinite(replay.trajectory[:, 0])
     times = replay.log.t_s[: len(replay.trajectory)]
-    write_text(files.trajectory, to_tum(times, replay.trajectory))
-    record(files.recording, replay, grid)
+    write_text(files.trajectory, to_tum(times[known], replay.trajectory[known]))
+    record(files.recording, replay)
 
 
 def _percentiles(name: str, milliseconds: FloatArray) -> dict[str, float | None]:
