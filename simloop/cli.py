@@ -211,6 +211,29 @@ def bench_planners(json_file: JsonFile = None) -> int:
     return 0
 
 
+@bench_app.command("slam")
+def bench_slam(
+    json_file: JsonFile = None,
+    course: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="This course alone (repeatable).")
+    ] = None,
+    seed: Annotated[
+        list[int] | None, typer.Option(min=0, help="The seed of course and sensors (repeatable).")
+    ] = None,
+) -> int:
+    """The mapper on simulated courses: errors against the truth, map, speed."""
+    from simloop import bench_slam
+    from simloop.report import checking
+
+    _check_json(json_file)
+    notes = Console(stderr=True)
+    with _compiling(notes) as report, checking(notes) as said:
+        figures = bench_slam.run(course or (), seed or (0,), said, report)
+    bench_slam.print_figures(Console(), figures)
+    _write_json(json_file, figures)
+    return 0
+
+
 @app.command("replay")
 def replay(
     log: Annotated[Path, typer.Argument(help="A CARMEN .log or .clf, or an .npz of scans.")],
@@ -241,27 +264,18 @@ def replay(
     read, truth = session.load(log, relations)
     config = MappingConfig()
     known = load_map(prior, config.grid) if prior is not None else None
-    notes, to_stdout = Console(stderr=True), json_file == session.STDOUT
-    with (
-        _stop_asked() as stop,
-        _compiling(notes) as report,
-        counting(notes, "scans", len(read.t_s)) as show,
-    ):
-
-        def go_on(done: int) -> bool:
-            show(done)
-            return not stop()
-
-        replayed = session.run(read, truth, config, known, go_on, report)
+    notes, count = Console(stderr=True), len(read.t_s)
+    with _stop_asked() as stop, _compiling(notes) as report, counting(notes, "scans", count) as show:
+        replayed = session.run(
+            read, truth, config, known, lambda done: show(done) or not stop(), report
+        )
         session.write(replayed, files)
-    if to_stdout:
+    if json_file == session.STDOUT:
         print(json.dumps(replayed.figures, indent=2))
     else:
         session.print_figures(Console(), replayed.figures)
         _write_json(json_file, replayed.figures)
-    if replayed.figures["interrupted"]:
-        sys.exit(INTERRUPTED)
-    return 0
+    return INTERRUPTED if replayed.figures["interrupted"] else 0
 
 
 class _Watch:

@@ -15,7 +15,7 @@ import numpy as np
 
 from simloop.correlative import thinned
 from simloop.ekf_model import inverse_3
-from simloop.mapping.pose_graph import Edge, PoseGraph
+from simloop.mapping.pose_graph import Edge, PoseGraph, turned
 from simloop.mapping.scan_tracker import NEXT_TO_NOTHING
 from simloop.mapping.settings import MappingConfig
 from simloop.mapping.submap import Submap, meetings
@@ -148,10 +148,3 @@ def cluster_of(points: list[FloatArray], poses: list[FloatArray], most: int) -> 
         for pose, some in zip(reversed(poses), reversed(points), strict=True)
     ]
     return thinned(np.concatenate(parts), _THIN_M, most)
-
-
-def turned(covariance: FloatArray, yaw: float) -> FloatArray:
-    """(3, 3) of x, y, yaw in axes that the old ones are turned by ``yaw`` to."""
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    return turn @ covariance @ turn.T

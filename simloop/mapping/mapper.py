@@ -12,8 +12,8 @@ import math
 import numpy as np
 
 from simloop.grid_map import GridMap
-from simloop.mapping.closures import ClosureFinder, turned
-from simloop.mapping.pose_graph import Edge, PoseGraph
+from simloop.mapping.closures import ClosureFinder
+from simloop.mapping.pose_graph import Edge, PoseGraph, turned
 from simloop.mapping.scan_tracker import ScanTracker
 from simloop.mapping.settings import MappingConfig
 from simloop.mapping.submap import Submap
@@ -27,13 +27,16 @@ _LOST_KEYFRAMES = 3  # in a row that fit nothing: a new submap is begun
 
 
 class GraphMapper:
-    """Scans in the order of their times.
+    """Scans in the order of their times. start: (3,) base_link in map at the first of them.
 
     ``pose`` (3,): base_link in map, now. ``unmatched``: scans that fitted nothing.
     """
 
     def __init__(
-        self, config: MappingConfig | None = None, profiler: Stopwatch | None = None
+        self,
+        config: MappingConfig | None = None,
+        profiler: Stopwatch | None = None,
+        start: FloatArray | None = None,
     ) -> None:
         stages = profiler if profiler is not None else NullProfiler()
         self._time = {name: stages.stage(name) for name in STAGES}
@@ -45,6 +48,8 @@ class GraphMapper:
         self._active: list[Submap] = []
         self._odom: FloatArray | None = None
         self._tracker = ScanTracker(self._config)
+        if start is not None:
+            self._tracker.pose = np.array(start, np.float64)
         self._points: list[FloatArray] = []
         self._origins: list[FloatArray] = []
         self._locals: list[FloatArray] = []

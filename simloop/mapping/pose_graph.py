@@ -16,7 +16,6 @@ from scipy.sparse.csgraph import dijkstra
 
 from simloop.errors import InputError
 from simloop.messages import FloatArray
-from simloop.se2 import compose
 
 _ROBUST_SIGMAS = 3.0
 
@@ -67,6 +66,26 @@ class PoseGraph:
 
     def optimise(self) -> float:
         """Move all poses to where they fit the edges best; how far the last one moved, m."""
+        graph, values = self._factors()
+        result = self._gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
+        before = self.poses[-1]
+        for number in range(len(self.poses)):
+            found = result.atPose2(number)
+            self.poses[number] = np.array([found.x(), found.y(), found.theta()])
+        self._fresh = 0
+        return math.dist(before[:2], self.poses[-1][:2])
+
+    def covariances(self) -> list[FloatArray]:
+        """(3, 3) of each keyframe in map, the first one being held; slow, for measurements."""
+        marginals = self._gtsam.Marginals(*self._factors())
+        out = []
+        for number, pose in enumerate(self.poses):
+            # gtsam's is of an error in the keyframe's own axes.
+            out.append(turned(np.array(marginals.marginalCovariance(number)), pose[2]))
+        return out
+
+    def _factors(self) -> tuple[Any, Any]:
+        """The graph and the poses as they stand, for gtsam."""
         gtsam = self._gtsam
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         for number, pose in enumerate(self.poses):
@@ -75,18 +94,14 @@ class PoseGraph:
         graph.add(gtsam.PriorFactorPose2(0, values.atPose2(0), hold))
         kernel = gtsam.noiseModel.mEstimator.Cauchy.Create(_ROBUST_SIGMAS)
         for edge in self.edges:
-            noise = gtsam.noiseModel.Gaussian.Covariance(edge.covariance)
+            # An edge's covariance is in the first keyframe's axes, gtsam's in the second's.
+            own = turned(edge.covariance, -edge.pose[2])
+            noise = gtsam.noiseModel.Gaussian.Covariance(0.5 * (own + own.T))
             if edge.closure:
                 noise = gtsam.noiseModel.Robust.Create(kernel, noise)
             pose = gtsam.Pose2(*edge.pose.tolist())
             graph.add(gtsam.BetweenFactorPose2(edge.first, edge.second, pose, noise))
-        result = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
-        before = self.poses[-1]
-        for number in range(len(self.poses)):
-            found = result.atPose2(number)
-            self.poses[number] = np.array([found.x(), found.y(), found.theta()])
-        self._fresh = 0
-        return math.dist(before[:2], self.poses[-1][:2])
+        return graph, values
 
     def uncertainty(self, source: int) -> tuple[FloatArray, FloatArray]:
         """Standard deviations (n,), (n,) of all keyframes' places and yaws as seen from ``source``.
@@ -150,6 +165,8 @@ def _along_ways(
     return np.sqrt(sums[:, 0] + np.maximum(0.0, lever)), np.sqrt(sums[:, 1])
 
 
-def chained(poses: list[FloatArray], edge: Edge) -> FloatArray:
-    """(3,) where the edge says that its second keyframe stands."""
-    return compose(poses[edge.first], edge.pose)
+def turned(covariance: FloatArray, yaw: float) -> FloatArray:
+    """(3, 3) of x, y, yaw in axes that the old ones are turned by ``yaw`` to."""
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    return turn @ covariance @ turn.T
