@@ -61,7 +61,7 @@ def run(
             raise InputError(f"--course {name}: unknown{did_you_mean(name, COURSES)}")
     _evo()
     warm_up(report)
-    rows = []
+    rows: list[dict[str, Any]] = []
     for name in names or COURSES:
         for seed in seeds:
             said(f"{name}, seed {seed}", len(rows))

@@ -264,8 +264,8 @@ def replay(
     read, truth = session.load(log, relations)
     config = MappingConfig()
     known = load_map(prior, config.grid) if prior is not None else None
-    notes, count = Console(stderr=True), len(read.t_s)
-    with _stop_asked() as stop, _compiling(notes) as report, counting(notes, "scans", count) as show:
+    notes, bar = Console(stderr=True), counting(Console(stderr=True), "scans", len(read.t_s))
+    with _stop_asked() as stop, _compiling(notes) as report, bar as show:
         replayed = session.run(
             read, truth, config, known, lambda done: show(done) or not stop(), report
         )
