@@ -65,6 +65,18 @@ def _sum(cells: NDArray[np.int32], row: int, col: int, side: int, level: Field) 
 
 
 @njit(cache=True)
+def _is_near(x: float, y: float, yaw: float, places: FloatArray) -> bool:
+    """Whether a pose is nearer than m, rad to one of the places (k, 5) x, y, yaw, m, rad."""
+    for k in range(places.shape[0]):
+        if (
+            math.hypot(x - places[k, 0], y - places[k, 1]) < places[k, 3]
+            and abs(wrap_angle(yaw - places[k, 2])) < places[k, 4]
+        ):
+            return True
+    return False
+
+
+@njit(cache=True)
 def search(
     points: FloatArray,
     prior: FloatArray,
@@ -83,8 +95,8 @@ def search(
 
     points: (n, 2) in the frame of the pose. The score is the mean likelihood of a hit, 0 to 1, less
     ``weights[0] d^2 + weights[1] dyaw^2`` of the way from the prior: where many poses fit alike, as
-    along a corridor, the nearest is taken. Poses nearer than ``but`` (5,) x, y, yaw, m, rad to a
-    place are left out (a negative distance leaves out none). Below ``least`` nothing is found: the
+    along a corridor, the nearest is taken. Poses nearer than ``but`` (k, 5) x, y, yaw, m, rad to one
+    of k places are left out. Below ``least`` nothing is found: the
     score is then -1. corner: (2,) of the grid.
 
     Translations step by cells, exact to half of one; yaw by ``yaw_step``.
@@ -133,10 +145,7 @@ def search(
                         if 1.0 - way <= best:
                             continue
                         x, y = prior[0] + dx, prior[1] + dy
-                        if (
-                            math.hypot(x - but[0], y - but[1]) < but[3]
-                            and abs(wrap_angle(prior[2] + dyaw - but[2])) < but[4]
-                        ):
+                        if _is_near(x, y, prior[2] + dyaw, but):
                             continue
                         score = _sum(cells[k], row, col, 1, fine) * scale - way
                         if score > best:

@@ -77,9 +77,7 @@ class PeriodicEkf(ExtendedKalmanFilter):
         noise: variances of a belt's speed and of the gyro; the gauge, m; the wheels' gate. ``x``
         and ``P`` become new arrays: those before stay with whoever holds them.
         """
-        self.x, self.P = predict_and_correct(
-            self.x, self.P, walk, accel, dt, *wheels, gyro, *noise
-        )
+        self.x, self.P = predict_and_correct(self.x, self.P, walk, accel, dt, *wheels, gyro, *noise)
 
 
 class Ekf:

@@ -22,7 +22,7 @@ NOWHERE_M = 100.0
 
 _CHUNK = 64  # cells by which the grid grows; a multiple of the search fields' blocks
 _NONE = np.empty((0, 2))
-_ANYWHERE = np.array([0.0, 0.0, 0.0, -1.0, -1.0])
+_ANYWHERE = np.empty((0, 5))
 _FINEST_TURN_RAD = 0.004
 _COARSEST_TURN_RAD = 0.02
 

@@ -1,6 +1,6 @@
 """The robot's own software: sensor messages in, motor voltages out, and no truth anywhere.
 
-    encoders, imu -> Ekf <-> GridSlam -> Planner -> Smoother -> Tracker -> monitor -> motor loops
+encoders, imu -> Ekf <-> GridSlam -> Planner -> Smoother -> Tracker -> monitor -> motor loops
 """
 
 from __future__ import annotations
@@ -118,9 +118,7 @@ class Robot:
         with self._time["slam"]:
             times = np.array([e.t_ns for e in self._trail], np.int64)
             poses = np.array([e.pose for e in self._trail])
-            fix = self._slam.match(
-                scan, times, poses, estimate.pose, self._ekf.covariance_in_map
-            )
+            fix = self._slam.match(scan, times, poses, estimate.pose, self._ekf.covariance_in_map)
         with self._time["ekf"]:
             taken = self._ekf.correct(fix)
             estimate = self._ekf.estimate()

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rooms import ANGLES, Room
 
 from simloop.config import SlamConfig, VehicleConfig
 from simloop.grid_kernels import placed_bounds, trace_scan
@@ -19,34 +20,7 @@ from simloop.slam_grid import GridSlam
 
 CONFIG = SlamConfig()
 LASER = np.zeros(3)
-ANGLES = np.linspace(-math.pi, math.pi, 360, endpoint=False)
 seeds = st.integers(0, 2**32 - 1)
-
-
-class Room:
-    """Walls as segments (k, 4) x0, y0, x1, y1: a scan is rays cast among them."""
-
-    def __init__(self, *segments):
-        self.segments = np.array(segments, float)
-
-    def ranges(self, pose, most=12.0):
-        directions = np.stack((np.cos(ANGLES + pose[2]), np.sin(ANGLES + pose[2])), axis=1)
-        best = np.full(len(ANGLES), np.inf)
-        for x0, y0, x1, y1 in self.segments:
-            along = np.array([x1 - x0, y1 - y0])
-            to = np.array([x0 - pose[0], y0 - pose[1]])
-            det = directions[:, 0] * -along[1] + directions[:, 1] * along[0]
-            with np.errstate(divide="ignore", invalid="ignore"):
-                t = (to[0] * -along[1] + to[1] * along[0]) / det
-                s = (directions[:, 0] * to[1] - directions[:, 1] * to[0]) / det
-            best = np.where((t > 0) & (s >= 0) & (s <= 1) & (t < best), t, best)
-        return np.where(best <= most, best, np.inf)
-
-    def scan(self, pose, rng=None, t_ns=0):
-        ranges = self.ranges(pose)
-        if rng is not None:
-            ranges = ranges + 0.01 * rng.standard_normal(len(ranges))
-        return LidarScan(t_ns, ANGLES, ranges, np.zeros(360, np.int64), 0.15, 12.0)
 
 
 WALL = 2.02  # in the middle of a cell

@@ -104,7 +104,7 @@ class ClosureFinder:
         if agreement < config.agreement or overlap < config.least_overlap:
             return None
         if window[0] > _RIVAL_M:
-            but = np.array([*found, _RIVAL_M, _RIVAL_RAD])
+            but = np.array([[*found, _RIVAL_M, _RIVAL_RAD]])
             rival = config.rival_score * score
             if submap.grid.search(cluster, predicted, window, weights, rival, but)[1] >= 0.0:
                 return None

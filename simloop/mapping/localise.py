@@ -20,14 +20,18 @@ from simloop.se2 import between
 
 _RIVAL_M, _RIVAL_RAD = 0.5, 0.35
 _COARSE_POINTS = 150
-_FOUND_STD_M, _FOUND_STD_RAD = 0.05, 0.02
+_MOST_RIVALS = 6  # more places than that look alike: nothing is told apart
+_CLEARLY = 0.02  # of the points, by which a rival must stand in free space more
+_NO_WEIGHTS = np.zeros(2)
+_START_STD, _FOUND_STD = (0.1, 0.1, 0.05), (0.05, 0.05, 0.02)  # x, y, yaw
 
 
 class Localiser:
     """Tracks the robot through ``grid``, to which nothing is added.
 
     pose: (3,) base_link in map at the first scan, or None where nobody knows. ``lost``: whether
-    ``pose`` is but odometry's guess; ``relocalised``: how often it found itself in the whole map.
+    ``pose`` is but a guess; ``relocalised``: how often it found itself in the whole map. A place
+    that was found is taken for true once the robot has moved on and it still fits.
     """
 
     def __init__(
@@ -36,13 +40,12 @@ class Localiser:
         self._grid, self._config = grid, config
         self._tracker = ScanTracker(config)
         self.lost = pose is None
+        self._lookout: _Lookout | None = _Lookout(config) if pose is None else None
+        self._unproved: FloatArray | None = None
         if pose is not None:
-            self._tracker.pose = np.array(pose, np.float64)
-            self._tracker.covariance = np.diag(np.square([0.1, 0.1, 0.05]))
+            self._set(np.array(pose, np.float64), _START_STD)
         self._odom: FloatArray | None = None
         self._misses = 0
-        self._points: list[FloatArray] = []
-        self._odoms: list[FloatArray] = []
         self.relocalised = 0
 
     @property
@@ -54,46 +57,73 @@ class Localiser:
         """Take a scan's hits (n, 2) in base_link at raw odometry (3,); False while lost."""
         motion = np.zeros(3) if self._odom is None else between(self._odom, odom)
         self._odom = np.array(odom, np.float64)
-        news = self._remember(points)
         self._tracker.predict(motion)
-        if self.lost:
-            if news:
-                self._find()
-            return not self.lost
-        good = self._tracker.match(self._grid, points, motion)
-        good = good and self._tracker.score >= self._config.least_score
+        if self._lookout is not None:
+            cluster = self._lookout.look(points, motion)
+            if cluster is not None:
+                self._find(cluster)
+            return False
+        good = self._tracker.match(self._grid, points, motion) and self._believable(points)
         self._misses = 0 if good else self._misses + 1
-        self.lost = self._misses >= self._config.lost_scans
+        if self._misses >= self._config.lost_scans:
+            self.lost, self._lookout, self._unproved = True, _Lookout(self._config), None
+        elif self._unproved is not None and _apart(self._unproved, self.pose, self._config):
+            self.lost, self._unproved = False, None
+            self.relocalised += 1
         return not self.lost
 
-    def _remember(self, points: FloatArray) -> bool:
-        """Keep the scan if the robot has moved since the last that was kept."""
-        assert self._odom is not None
-        if self._odoms:
-            off = between(self._odoms[-1], self._odom)
-            near = math.hypot(off[0], off[1]) < self._config.keyframe_m
-            if near and abs(off[2]) < self._config.keyframe_rad:
-                return False
-        most = self._config.cluster_keyframes
-        self._points = [*self._points[1 - most :], points]
-        self._odoms = [*self._odoms[1 - most :], self._odom]
-        return True
+    def _believable(self, points: FloatArray) -> bool:
+        """Whether the match is one: walls fit walls in many wrong places, and what tells is what
+        stands where the map has free space.
+        """
+        agreement, known = meetings(self._grid, points, self._tracker.pose)
+        return agreement >= self._config.track_agreement and known >= self._config.least_share
 
-    def _find(self) -> None:
-        cluster = cluster_of(self._points, self._odoms, self._config.cluster_points)
+    def _find(self, cluster: FloatArray) -> None:
         pose = relocalise(self._grid, cluster, self._config)
-        if pose is None:
-            return
+        if pose is not None:
+            self._set(pose, _FOUND_STD)
+            self._lookout, self._misses, self._unproved = None, 0, pose
+
+    def _set(self, pose: FloatArray, std: tuple[float, float, float]) -> None:
         self._tracker.pose = pose
-        self._tracker.covariance = np.diag(np.square([_FOUND_STD_M, _FOUND_STD_M, _FOUND_STD_RAD]))
-        self.lost, self._misses = False, 0
-        self.relocalised += 1
+        self._tracker.covariance = np.diag(np.square(std))
+
+
+class _Lookout:
+    """A lost robot's picture of what is about it: the last scans, put together by matching."""
+
+    def __init__(self, config: MappingConfig) -> None:
+        self._config, self._tracker = config, ScanTracker(config)
+        self._grid = GridMap(config.grid)
+        self._points: list[FloatArray] = []
+        self._poses: list[FloatArray] = []
+
+    def look(self, points: FloatArray, motion: FloatArray) -> FloatArray | None:
+        """(n, 2) what it has seen, in base_link, if the robot has moved on; else None."""
+        if self._poses:
+            self._tracker.predict(motion)
+            self._tracker.match(self._grid, points, motion)
+            if not _apart(self._poses[-1], self._tracker.pose, self._config):
+                return None
+        self._grid.insert(points, np.zeros_like(points), self._tracker.pose)
+        most = self._config.lookout_keyframes
+        self._points = [*self._points[1 - most :], points]
+        self._poses = [*self._poses[1 - most :], self._tracker.pose.copy()]
+        return cluster_of(self._points, self._poses, self._config.cluster_points)
+
+
+def _apart(a: FloatArray, b: FloatArray, config: MappingConfig) -> bool:
+    """Whether a robot has moved on from ``a`` by as much as makes a keyframe."""
+    off = between(a, b)
+    return math.hypot(off[0], off[1]) >= config.keyframe_m or abs(off[2]) >= config.keyframe_rad
 
 
 def relocalise(grid: GridMap, points: FloatArray, config: MappingConfig) -> FloatArray | None:
     """(3,) the one pose of all in the map at which points (n, 2) fit, or None: nowhere, or several.
 
     Exact: no pose on the search's raster is passed over that could fit better (branch and bound).
+    All that come near the best are weighed by what stands where the map has free space.
     """
     rows, cols = grid.log_odds.shape
     if not grid.occupied.any() or len(points) < 0.1 * config.cluster_points:
@@ -102,17 +132,22 @@ def relocalise(grid: GridMap, points: FloatArray, config: MappingConfig) -> Floa
     reach = 0.5 * grid.resolution_m * max(rows, cols)
     prior, window = np.array([*centre, 0.0]), np.array([reach, math.pi])
     few = np.ascontiguousarray(points[:: max(1, len(points) // _COARSE_POINTS)])
-    no_weights, least = np.zeros(2), config.closure_least_score
-    found, score = grid.search(few, prior, window, no_weights, least)
-    if score < 0.0:
+    places = np.empty((0, 5))
+    least, found = config.closure_least_score, []
+    while len(found) <= _MOST_RIVALS:
+        place, score = grid.search(few, prior, window, _NO_WEIGHTS, least, places)
+        if score < 0.0:
+            break
+        if not found:
+            least = max(least, config.rival_score * score)
+        places = np.vstack([places, [*place, _RIVAL_M, _RIVAL_RAD]])
+        pose, _, share, residual = grid.refine(points, place)
+        agreement, overlap = meetings(grid, points, pose)
+        fits = share >= config.least_share and residual <= config.grid.most_residual
+        found.append((1.0 - agreement, fits and overlap >= config.least_overlap, pose))
+    found.sort(key=lambda one: one[0])
+    if not found or len(found) > _MOST_RIVALS:
         return None
-    but = np.array([*found, _RIVAL_M, _RIVAL_RAD])
-    rival = config.rival_score * score
-    if grid.search(few, prior, window, no_weights, rival, but)[1] >= 0.0:
-        return None
-    pose, _, share, residual = grid.refine(points, found)
-    if share < config.least_share or residual > config.grid.most_residual:
-        return None
-    agreement, overlap = meetings(grid, points, pose)
-    good = agreement >= config.agreement and overlap >= config.least_overlap
-    return pose if good else None
+    conflict, fits, pose = found[0]
+    alone = len(found) == 1 or found[1][0] >= 2.0 * conflict + _CLEARLY
+    return pose if fits and alone and conflict <= 1.0 - config.agreement else None

@@ -18,8 +18,8 @@ class MappingConfig:
     the points that meet what the submap knows. sure_window_*: the search's size within which one
     closure suffices; beyond it a second must agree. match_std_*: of a match, whatever it says of
     itself; closure_std_*: of a closure alike. rival_score: share of a find's score that no place
-    elsewhere may reach. least_score, lost_scans: in a known map, so many scans in a row that fit
-    no better mean lost.
+    elsewhere may reach. track_agreement: the like in a known map, in which lost_scans in a row
+    that agree less mean lost; of the last lookout_keyframes a lost robot makes its picture.
     """
 
     grid: SlamConfig = field(default_factory=lambda: SlamConfig(match_std_xy_m=0.01))
@@ -32,16 +32,15 @@ class MappingConfig:
     odometry_yaw_per_rad: float = 0.1
     search_points: int = 150
     least_share: float = 0.3
-    good_score: float = 0.6
     fit_std_xy_m: float = 0.005
     fit_std_yaw_rad: float = 0.002
     keyframe_m: float = 0.3
     keyframe_rad: float = 0.3
     submap_keyframes: int = 40
-    match_std_xy_m: float = 0.01
-    match_std_yaw_rad: float = 0.004
-    closure_std_xy_m: float = 0.02
-    closure_std_yaw_rad: float = 0.006
+    match_std_xy_m: float = 0.005
+    match_std_yaw_rad: float = 0.002
+    closure_std_xy_m: float = 0.01
+    closure_std_yaw_rad: float = 0.003
     closure_every: int = 3
     cluster_keyframes: int = 8
     cluster_points: int = 400
@@ -51,6 +50,7 @@ class MappingConfig:
     sure_window_m: float = 0.6
     most_window_m: float = 8.0
     most_window_rad: float = 0.8
-    rival_score: float = 0.9
-    least_score: float = 0.25
-    lost_scans: int = 10
+    rival_score: float = 0.85
+    track_agreement: float = 0.7
+    lost_scans: int = 5
+    lookout_keyframes: int = 15
