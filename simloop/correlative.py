@@ -95,8 +95,8 @@ def search(
 
     points: (n, 2) in the frame of the pose. The score is the mean likelihood of a hit, 0 to 1, less
     ``weights[0] d^2 + weights[1] dyaw^2`` of the way from the prior: where many poses fit alike, as
-    along a corridor, the nearest is taken. Poses nearer than ``but`` (k, 5) x, y, yaw, m, rad to one
-    of k places are left out. Below ``least`` nothing is found: the
+    along a corridor, the nearest is taken. Poses nearer than ``but`` (k, 5) x, y, yaw, m, rad to
+    one of k places are left out. Below ``least`` nothing is found: the
     score is then -1. corner: (2,) of the grid.
 
     Translations step by cells, exact to half of one; yaw by ``yaw_step``.

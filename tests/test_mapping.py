@@ -246,10 +246,10 @@ def test_it_says_that_it_is_lost_where_nothing_fits_and_finds_itself_again(once_
     for pose in poses[20:30]:
         assert localiser.step(RING.hits(pose, rng, angles=AHEAD), pose)
     lost = False
-    moved = between(poses[150], poses[30])
-    for pose in poses[150:200]:
-        odom = compose(pose, moved)
-        localiser.step(RING.hits(pose, rng, angles=AHEAD), odom)
+    carried = wheels(poses[150:200], rng)
+    onto = compose(poses[30], between(carried[0], np.zeros(3)))
+    for pose, odom in zip(poses[150:200], carried, strict=True):
+        localiser.step(RING.hits(pose, rng, angles=AHEAD), compose(onto, odom))
         lost = lost or localiser.lost
     assert lost
     assert not localiser.lost

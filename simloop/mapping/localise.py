@@ -133,7 +133,8 @@ def relocalise(grid: GridMap, points: FloatArray, config: MappingConfig) -> Floa
     prior, window = np.array([*centre, 0.0]), np.array([reach, math.pi])
     few = np.ascontiguousarray(points[:: max(1, len(points) // _COARSE_POINTS)])
     places = np.empty((0, 5))
-    least, found = config.closure_least_score, []
+    least = config.closure_least_score
+    found: list[tuple[float, bool, FloatArray]] = []
     while len(found) <= _MOST_RIVALS:
         place, score = grid.search(few, prior, window, _NO_WEIGHTS, least, places)
         if score < 0.0:

@@ -12,7 +12,6 @@ from simloop.ekf_model import inverse_3
 from simloop.grid_map import GridMap
 from simloop.mapping.settings import MappingConfig
 from simloop.messages import FloatArray
-from simloop.scan_match import unheld_direction
 from simloop.se2 import compose, wrap_angle
 
 NEXT_TO_NOTHING = 1e-3 * np.eye(3)
@@ -21,10 +20,7 @@ NEXT_TO_NOTHING = 1e-3 * np.eye(3)
 _FIRST_POINTS = 10  # a scan with fewer hits is not matched
 _WIDEST_M, _WIDEST_RAD = 1.0, 0.5
 _NEAR_PENALTY, _FAR_PENALTY = 0.1, 0.02  # of the score at the window's edge
-_BETTER = 0.035  # by which a fit far from where odometry has it must be better
-_PROFILE_M = np.linspace(-0.5, 0.5, 21)
-_SCORE_NOISE = 0.02  # by which the mean likelihood of a few hundred hits varies for no reason
-_NONE = np.zeros(2)
+_BETTER = 0.02  # by which a fit far from where odometry has it must be better
 _SURPRISE = 9.0  # squared Mahalanobis distance
 
 
@@ -34,21 +30,6 @@ class _Fit:
     information: FloatArray
     score: float
     residual: float
-
-
-def _told_by_scores(
-    grid: GridMap, few: FloatArray, pose: FloatArray, direction: FloatArray
-) -> float:
-    """Information, 1/m^2, along a direction (3,) that no wall holds: by the scores along it.
-
-    A door post is no line, and the refinement does not see it; the search's cost surface does. The
-    scores' spread is that of a distribution over the profile (Olson 2009, section III.D); what it
-    says beyond none at all is the information.
-    """
-    scores = np.array([grid.search(few, pose + d * direction, _NONE, _NONE)[1] for d in _PROFILE_M])
-    weights = np.exp((scores - scores.max()) / _SCORE_NOISE)
-    spread = float(weights @ _PROFILE_M**2 / weights.sum()) + (0.5 * grid.resolution_m) ** 2
-    return max(0.0, 1.0 / spread - 1.0 / float(np.mean(_PROFILE_M**2)))
 
 
 class ScanTracker:
@@ -97,7 +78,7 @@ class ScanTracker:
         near = np.array([3.0 * max(spread[0], spread[1]), 3.0 * spread[2]])
         few = thinned(points, self._config.grid.resolution_m, self._config.search_points)
         found = self._fit(grid, points, few, near, _NEAR_PENALTY)
-        # Along a corridor the walls fit anywhere, and only a door post or two tells a lie.
+        # Along a corridor the walls fit anywhere, and only what ends it tells a lie.
         step, turn = math.hypot(motion[0], motion[1]), abs(motion[2])
         wide = near + np.array([2.0 * step + 0.1, turn + 0.1])
         far = self._fit(grid, points, few, wide, _FAR_PENALTY)
@@ -127,10 +108,6 @@ class ScanTracker:
             return None
         if math.dist(pose[:2], found[:2]) > 3.0 * config.grid.resolution_m:
             return None
-        open_ = unheld_direction(information + NEXT_TO_NOTHING)
-        if open_.any():
-            told = _told_by_scores(grid, few, pose, open_) * max(residual, 0.1)
-            information = information + told * np.outer(open_, open_)
         return _Fit(pose, information, score, residual)
 
     def _correct_by(self, fit: _Fit) -> None:
