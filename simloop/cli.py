@@ -231,6 +231,73 @@ def bench_faults(
     return 0 if figures["ok"] else 1
 
 
+@bench_app.command("slam")
+def bench_slam(
+    json_file: JsonFile = None,
+    course: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="This course alone (repeatable).")
+    ] = None,
+    seed: Annotated[
+        list[int] | None, typer.Option(min=0, help="The seed of course and sensors (repeatable).")
+    ] = None,
+) -> int:
+    """The mapper on simulated courses: errors against the truth, map, speed."""
+    from simloop import bench_slam
+    from simloop.report import checking
+
+    _check_json(json_file)
+    notes = Console(stderr=True)
+    with _compiling(notes) as report, checking(notes) as said:
+        figures = bench_slam.run(course or (), seed or (0,), said, report)
+    bench_slam.print_figures(Console(), figures)
+    _write_json(json_file, figures)
+    return 0
+
+
+@app.command("replay")
+def replay(
+    log: Annotated[Path, typer.Argument(help="A CARMEN .log or .clf, or an .npz of scans.")],
+    json_file: Annotated[
+        Path | None,
+        typer.Option("--json", metavar="FILE", help="Write the figures as JSON; -: to stdout."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Map, trajectory (TUM) and recording.")
+    ] = None,
+    relations: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Relative relations to measure the trajectory by."),
+    ] = None,
+    prior: Annotated[
+        Path | None,
+        typer.Option("--map", metavar="FILE.yaml", help="Find the robot in this map; make none."),
+    ] = None,
+) -> int:
+    """Matcher and mapper on a recorded log of a real robot."""
+    from simloop.mapping.map_file import load_map
+    from simloop.mapping.settings import MappingConfig
+    from simloop.replay import session
+    from simloop.report import counting
+
+    files = session.ReplayFiles(out, json_file)
+    files.check(log, relations, prior, prior and prior.with_suffix(".pgm"))
+    read, truth = session.load(log, relations)
+    config = MappingConfig()
+    known = load_map(prior, config.grid) if prior is not None else None
+    notes, bar = Console(stderr=True), counting(Console(stderr=True), "scans", len(read.t_s))
+    with _stop_asked() as stop, _compiling(notes) as report, bar as show:
+        replayed = session.run(
+            read, truth, config, known, lambda done: show(done) or not stop(), report
+        )
+        session.write(replayed, files)
+    if json_file == session.STDOUT:
+        print(json.dumps(replayed.figures, indent=2))
+    else:
+        session.print_figures(Console(), replayed.figures)
+        _write_json(json_file, replayed.figures)
+    return INTERRUPTED if replayed.figures["interrupted"] else 0
+
+
 class _Watch:
     """A simulation, and whoever keeps something of it: the recording is closed in any case."""
 

@@ -44,9 +44,7 @@ def distance_at(field: Field, x: float, y: float) -> float:
 
 
 @njit(cache=True)
-def footprint_clearance(
-    field: Field, x: float, y: float, yaw: float, offsets: FloatArray
-) -> float:
+def footprint_clearance(field: Field, x: float, y: float, yaw: float, offsets: FloatArray) -> float:
     """Least distance, m, over the footprint's disc centres (n,) m along the heading of a pose."""
     least = FREE_M
     cos, sin = math.cos(yaw), math.sin(yaw)

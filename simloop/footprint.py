@@ -48,10 +48,14 @@ def clearances(floor: FloorPlan, poses: FloatArray, vehicle: VehicleConfig) -> F
 
 def outline_corners(poses: FloatArray, vehicle: VehicleConfig) -> FloatArray:
     """(N, 4, 2) corners in map, counter-clockwise, of the rectangle centred on base_link."""
-    local = 0.5 * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * [
-        vehicle.length_m,
-        vehicle.width_m,
-    ]
+    local = (
+        0.5
+        * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
+        * [
+            vehicle.length_m,
+            vehicle.width_m,
+        ]
+    )
     cos, sin = np.cos(poses[:, 2, None]), np.sin(poses[:, 2, None])
     x = poses[:, 0, None] + cos * local[:, 0] - sin * local[:, 1]
     y = poses[:, 1, None] + sin * local[:, 0] + cos * local[:, 1]

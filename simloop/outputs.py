@@ -113,12 +113,17 @@ def write_text(path: Path, text: str) -> None:
 
     Raises InputError, which names the file, where that fails (a full disk, say).
     """
+    write_bytes(path, text.encode("utf-8"))
+
+
+def write_bytes(path: Path, data: bytes) -> None:
+    """``write_text`` of bytes."""
     partial = path.with_name(f".{path.name}.partial")
     try:
         if path.exists() and not path.is_file():
-            path.write_text(text, encoding="utf-8")  # a device or a pipe: nothing to move
+            path.write_bytes(data)  # a device or a pipe: nothing to move
             return
-        partial.write_text(text, encoding="utf-8")
+        partial.write_bytes(data)
         partial.replace(path)
     except OSError as error:
         partial.unlink(missing_ok=True)

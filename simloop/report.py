@@ -72,6 +72,21 @@ def progress_bar(
 
 
 @contextmanager
+def counting(console: Console, what: str, total: int) -> Iterator[Callable[[int], None]]:
+    """A bar over ``total`` things that are done one by one; on terminals only."""
+    columns = (
+        TextColumn(what),
+        BarColumn(bar_width=32),
+        TextColumn("{task.completed:.0f}/{task.total:.0f}"),
+    )
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as bar:
+        task = bar.add_task("", total=total)
+        yield lambda done: bar.update(task, completed=done)
+
+
+@contextmanager
 def checking(console: Console) -> Iterator[Callable[[str, int], None]]:
     """A spinner with what is being checked; on terminals only."""
     status = console.status("checking")

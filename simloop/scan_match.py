@@ -1,4 +1,4 @@
-"""Compiled kernels of the scan matcher: deskewing, correlative search, refinement.
+"""Compiled kernels of the scan matcher: deskewing and refinement (the search: ``correlative``).
 
 The refinement is a normal-distributions match: a map cell's surface is what the hit means of the
 3 x 3 cells about it say (their weighted mean and covariance, after Biber & Strasser 2003), and a
@@ -86,38 +86,6 @@ def deskew(
         points[count, 1] = cos_end * py - sin_end * px
         count += 1
     return points[:count].copy(), origins[:count].copy()
-
-
-@njit(cache=True)
-def correlate(
-    points: FloatArray,
-    prior: FloatArray,
-    offsets: FloatArray,
-    likelihood: NDArray[np.float32],
-    x0: float,
-    y0: float,
-    resolution: float,
-) -> tuple[FloatArray, float]:
-    """Best pose (3,) of ``prior + offset`` for offsets (n, 3), and its mean likelihood, 0 to 1.
-
-    likelihood: (rows, cols) of a hit in each cell; (x0, y0) the grid's lower left corner.
-    The first of equals wins, so that offsets are best given nearest first (Olson 2009).
-    """
-    best, found = -1.0, np.zeros(3)
-    rows, cols = likelihood.shape
-    for o in range(offsets.shape[0]):
-        x, y, yaw = prior[0] + offsets[o, 0], prior[1] + offsets[o, 1], prior[2] + offsets[o, 2]
-        cos, sin, total = math.cos(yaw), math.sin(yaw), 0.0
-        for i in range(points.shape[0]):
-            px = x + cos * points[i, 0] - sin * points[i, 1]
-            py = y + sin * points[i, 0] + cos * points[i, 1]
-            col, row = math.floor((px - x0) / resolution), math.floor((py - y0) / resolution)
-            if 0 <= row < rows and 0 <= col < cols:
-                total += likelihood[row, col]
-        if total > best + 1e-9:
-            best = total
-            found[0], found[1], found[2] = x, y, wrap_angle(yaw)
-    return found, best / max(1, points.shape[0])
 
 
 @njit(cache=True)

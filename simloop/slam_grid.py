@@ -8,20 +8,18 @@ from __future__ import annotations
 
 import math
 
-import cv2
 import numpy as np
 
 from simloop.config import SlamConfig, VehicleConfig
 from simloop.ekf_model import inverse_3
-from simloop.grid_kernels import placed_bounds, surface_distance, trace_scan
+from simloop.grid_map import NOWHERE_M, GridMap
 from simloop.messages import FloatArray, LidarScan, PoseFix, WorldView
 from simloop.obstacle_discs import discs_of
-from simloop.scan_match import correlate, deskew, refine
+from simloop.scan_match import deskew
 
-_CHUNK = 64  # cells by which the grid grows
 _FIRST_POINTS = 10  # a scan with fewer hits is not matched
 _NEXT_TO_NOTHING = 1e-3 * np.eye(3)  # information where a match has none at all
-_NOWHERE_M = 100.0  # distance reported where the map holds nothing
+_EDGE_PENALTY = 0.02  # of the search's score at the window's edge: of equals, the nearest
 
 
 class GridSlam:
@@ -34,35 +32,30 @@ class GridSlam:
         self, config: SlamConfig, vehicle: VehicleConfig, base_from_laser: FloatArray
     ) -> None:
         self._config, self._mount = config, np.ascontiguousarray(base_from_laser, np.float64)
+        self.grid = GridMap(config)
         self.resolution_m = config.resolution_m
-        self.origin_m = np.zeros(2)
-        self._log_odds = np.zeros((0, 0), np.float32)
-        self._hits = np.zeros((0, 0, 3))
-        self._stamp = np.zeros((0, 0), np.int32)
-        self._occupied = np.zeros((0, 0), np.bool_)
         self.new_surfaces_m = np.empty((0, 2))
-        self._scans = 0
+        self.new_share = 0.0
         self._scan_t_ns = -1
         self.points_m = np.empty((0, 2))
         self._origins = np.empty((0, 2))
-        self._distance: np.ndarray | None = None
-        self._likelihood: np.ndarray | None = None
-        self._offsets = _search_offsets(config)
+        self._window = np.array([config.search_xy_m, config.search_yaw_rad])
         self._floor = np.diag(np.square([config.match_std_xy_m] * 2 + [config.match_std_yaw_rad]))
+
+    @property
+    def origin_m(self) -> FloatArray:
+        """(2,) lower left corner of the first cell."""
+        return self.grid.origin_m
 
     @property
     def log_odds(self) -> np.ndarray:
         """(rows, cols) float32, [iy, ix], a read-only view; 0 is unknown."""
-        view = self._log_odds.view()
-        view.setflags(write=False)
-        return view
+        return _read_only(self.grid.log_odds)
 
     @property
     def occupied(self) -> np.ndarray:
         """(rows, cols) bool, a read-only view: where ``log_odds`` is above the threshold."""
-        view = self._occupied.view()
-        view.setflags(write=False)
-        return view
+        return _read_only(self.grid.occupied)
 
     def match(
         self,
@@ -80,16 +73,16 @@ class GridSlam:
         """
         self._take(scan, trail_t_ns, trail)
         prior = np.array(prior_pose, np.float64)
-        if self._scans == 0 or len(self.points_m) < _FIRST_POINTS:
+        if self.grid.scans == 0 or len(self.points_m) < _FIRST_POINTS:
             return PoseFix(scan.t_ns, prior, np.array(prior_covariance), 0.0, False)
         # The belief is mostly so good that the refinement's basin holds the answer; where it
         # is not, or the refined pose does not fit, the whole window is searched.
         unsure = math.sqrt(max(prior_covariance[0, 0], prior_covariance[1, 1])) > 0.5 * (
             self._config.resolution_m
         )
-        found = None if unsure else self._refine(prior)
+        found = None if unsure else self.grid.refine(self.points_m, prior)
         if found is None or not self._fits(*found[2:]):
-            again = self._refine(self._search(prior))
+            again = self.grid.refine(self.points_m, self._search(prior))
             if found is None or again[2] > found[2]:
                 found = again
         pose, information, share, residual = found
@@ -105,35 +98,14 @@ class GridSlam:
         """
         if scan.t_ns != self._scan_t_ns:
             self._take(scan, np.array([scan.t_ns], np.int64), np.array([pose], np.float64))
-        self.new_surfaces_m, self.new_share = np.empty((0, 2)), 0.0
-        if len(self.points_m) == 0:
-            return
-        pose = np.array(pose, np.float64)
-        self._grow_to_hold(pose)
-        self._scans += 1
-        config = self._config
-        self.new_surfaces_m, self.new_share = trace_scan(
-            self.points_m,
-            self._origins,
-            pose,
-            *self.origin_m.tolist(),
-            config.resolution_m,
-            self._log_odds,
-            self._hits,
-            self._stamp,
-            self._occupied,
-            self._scans,
-            config.hit_log_odds,
-            config.miss_log_odds,
-            config.max_log_odds,
-            config.occupied_log_odds,
+        self.new_surfaces_m, self.new_share = self.grid.insert(
+            self.points_m, self._origins, np.array(pose, np.float64)
         )
-        self._distance = self._likelihood = None
 
     def view(self, t_ns: int, goal: FloatArray) -> WorldView:
         """The map as a planner sees it."""
-        box = _NOWHERE_M * np.array([-1.0, -1.0, 1.0, 1.0])
-        occupied = self._occupied
+        box = NOWHERE_M * np.array([-1.0, -1.0, 1.0, 1.0])
+        occupied = self.grid.occupied
         found = discs_of(occupied, self.origin_m, self.resolution_m)
         if occupied.size:
             size = self.resolution_m * np.array(occupied.shape[::-1])
@@ -141,7 +113,7 @@ class GridSlam:
             high = np.maximum(self.origin_m + size, goal + self._config.beyond_m)
             box = np.concatenate((low, high))
         return WorldView(
-            t_ns, self.origin_m.copy(), self.resolution_m, self._distances(), found, box
+            t_ns, self.origin_m.copy(), self.resolution_m, self.grid.distances(), found, box
         )
 
     def _take(self, scan: LidarScan, trail_t_ns: np.ndarray, trail: FloatArray) -> None:
@@ -156,31 +128,10 @@ class GridSlam:
         )
         self._scan_t_ns = scan.t_ns
 
-    def _refine(self, start: FloatArray) -> tuple[FloatArray, FloatArray, float, float]:
-        return refine(
-            self.points_m,
-            start,
-            self._hits,
-            *self.origin_m.tolist(),
-            self.resolution_m,
-            self._config.grain_m,
-            self._config.refine_steps,
-        )
-
     def _search(self, prior: FloatArray) -> FloatArray:
-        if self._likelihood is None:
-            spread = self.resolution_m
-            self._likelihood = np.exp(-0.5 * (self._distances() / spread) ** 2)
         points = self.points_m[:: max(1, len(self.points_m) // self._config.search_points)]
-        pose, _ = correlate(
-            np.ascontiguousarray(points),
-            prior,
-            self._offsets,
-            self._likelihood,
-            *self.origin_m.tolist(),
-            self.resolution_m,
-        )
-        return pose
+        weights = _EDGE_PENALTY / self._window**2
+        return self.grid.search(np.ascontiguousarray(points), prior, self._window, weights)[0]
 
     def _fits(self, share: float, residual: float) -> bool:
         return share >= self._config.least_overlap and residual <= self._config.most_residual
@@ -195,69 +146,8 @@ class GridSlam:
         covariance = scaled * max(residual, 0.1) + self._floor
         return 0.5 * (covariance + covariance.T)
 
-    def _distances(self) -> np.ndarray:
-        """(rows, cols) float32, m, to the nearest surface; cached until the map changes."""
-        if self._distance is None:
-            occupied = self._occupied
-            distance = np.full(occupied.shape, _NOWHERE_M, np.float32)
-            rows, cols = np.nonzero(occupied)
-            if len(rows):
-                free = np.logical_not(occupied).view(np.uint8)
-                _, labels = cv2.distanceTransformWithLabels(
-                    free, cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
-                )
-                hits = self._hits[rows, cols]
-                places = np.zeros((len(rows) + 1, 2))
-                places[labels[rows, cols]] = hits[:, :2] / np.maximum(hits[:, 2:], 1.0)
-                surface_distance(labels, places, self.resolution_m, distance)
-            distance.setflags(write=False)
-            self._distance = distance
-        return self._distance
 
-    def _grow_to_hold(self, pose: FloatArray) -> None:
-        """Make the grid hold all points of the scan, the robot, and a cell of margin."""
-        margin = 2.0 * self.resolution_m
-        x_min, y_min, x_max, y_max = placed_bounds(self.points_m, pose)
-        low = np.array((min(x_min, pose[0] - 0.5) - margin, min(y_min, pose[1] - 0.5) - margin))
-        high = np.array((max(x_max, pose[0] + 0.5) + margin, max(y_max, pose[1] + 0.5) + margin))
-        if self._holds(low, high):
-            return
-        res, size = self.resolution_m, np.array(self._log_odds.shape[::-1])
-        if not size.any():
-            self.origin_m = np.floor(low / res) * res
-        before = np.maximum(0, np.ceil((self.origin_m - low) / res / _CHUNK)).astype(int) * _CHUNK
-        top = self.origin_m + size * res
-        after = np.maximum(0, np.ceil((high - top) / res / _CHUNK)).astype(int) * _CHUNK
-        pads = ((before[1], after[1]), (before[0], after[0]))
-        self._log_odds = np.pad(self._log_odds, pads)
-        self._stamp = np.pad(self._stamp, pads)
-        self._occupied = np.pad(self._occupied, pads)
-        self._hits = np.pad(self._hits, (*pads, (0, 0)))
-        # Hit sums are taken from the grid's corner, which moves.
-        shift = before * res
-        self._hits[..., :2] += self._hits[..., 2:] * shift
-        self.origin_m = self.origin_m - shift
-
-
-    def _holds(self, low: FloatArray, high: FloatArray) -> bool:
-        """Whether the grid reaches over the box from ``low`` to ``high``, (2,) each."""
-        rows, cols = self._log_odds.shape
-        (x0, y0), res = self.origin_m.tolist(), self.resolution_m
-        return bool(
-            x0 <= low[0]
-            and y0 <= low[1]
-            and high[0] <= x0 + cols * res
-            and high[1] <= y0 + rows * res
-        )
-
-
-def _search_offsets(config: SlamConfig) -> FloatArray:
-    """(n, 3) offsets of the correlative search, nearest first: half a cell, and a cell at 3 m."""
-    step_xy, step_yaw = 0.5 * config.resolution_m, config.resolution_m / 3.0
-    xy = step_xy * np.arange(-round(config.search_xy_m / step_xy), 1)
-    yaw = step_yaw * np.arange(-round(config.search_yaw_rad / step_yaw), 1)
-    xy, yaw = np.concatenate((xy, -xy[-2::-1])), np.concatenate((yaw, -yaw[-2::-1]))
-    grid = np.stack(np.meshgrid(xy, xy, yaw, indexing="ij"), axis=-1).reshape(-1, 3)
-    size = np.hypot(grid[:, 0], grid[:, 1]) / config.search_xy_m
-    size = size + np.abs(grid[:, 2]) / config.search_yaw_rad
-    return np.ascontiguousarray(grid[np.argsort(size, kind="stable")])
+def _read_only(array: np.ndarray) -> np.ndarray:
+    view = array.view()
+    view.setflags(write=False)
+    return view

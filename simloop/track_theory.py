@@ -300,9 +300,7 @@ def climbable_step(
     steepest = 0.5 * math.pi
     angles = np.linspace(1e-6, steepest, 400)
     margins = [margin(angle) for angle in angles]
-    for low, high, m_low, m_high in zip(
-        angles, angles[1:], margins, margins[1:], strict=False
-    ):
+    for low, high, m_low, m_high in zip(angles, angles[1:], margins, margins[1:], strict=False):
         if m_low >= 0.0 > m_high:
             limit = float(brentq(margin, low, high))
             return radius_m * (1.0 - math.cos(limit))

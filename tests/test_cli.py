@@ -277,10 +277,10 @@ def test_warming_up_counts_what_it_compiles():
     from numba import njit
     from numba.core import event
 
-    from simloop.warmup import _CompileListener
+    from simloop.compile_listener import CompileListener
 
     heard = []
-    listener = _CompileListener(lambda name, count: heard.append((name, count)))
+    listener = CompileListener(lambda name, count: heard.append((name, count)))
 
     @njit
     def fresh(x):

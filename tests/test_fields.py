@@ -15,7 +15,7 @@ from simloop.distance_field import FREE_M, Field, distance_at, field_of, footpri
 from simloop.grid_kernels import surface_distance
 from simloop.obstacle_discs import discs_of
 from simloop.planners.scenes import box_world
-from simloop.scan_match import correlate, deskew
+from simloop.scan_match import deskew
 from simloop.se2 import compose, inverse, transform_points
 
 seeds = st.integers(0, 2**32 - 1)
@@ -115,26 +115,6 @@ def test_a_cells_distance_is_that_of_its_centre_to_the_place_of_its_label():
     centres = np.stack([0.1 * (cols + 0.5), 0.1 * (rows + 0.5)], axis=-1)
     expected = np.hypot(*np.moveaxis(centres - places[labels], -1, 0))
     np.testing.assert_allclose(distance, expected, atol=1e-6)
-
-
-@given(seed=seeds)
-@settings(max_examples=40)
-def test_the_search_takes_the_first_of_the_likeliest_poses(seed):
-    rng = np.random.default_rng(seed)
-    likelihood = rng.uniform(0, 1, (12, 19)).astype(np.float32)
-    corner, cell = rng.uniform(-2, 2, 2), 0.1
-    points = rng.uniform(-0.5, 0.5, (15, 2))
-    prior = np.array([corner[0] + 0.9, corner[1] + 0.6, 0.4])
-    offsets = np.vstack([rng.uniform(-0.3, 0.3, (20, 3)), np.zeros((1, 3))])
-    offsets = np.vstack([offsets, offsets])  # each twice: the first must be taken
-    scores = []
-    for offset in offsets:
-        places = np.floor((transform_points(prior + offset, points) - corner) / cell).astype(int)
-        inside = np.all((places >= 0) & (places < [19, 12]), axis=1)
-        scores.append(likelihood[places[inside, 1], places[inside, 0]].sum(dtype=float) / 15)
-    pose, score = correlate(points, prior, offsets, likelihood, *corner.tolist(), cell)
-    assert score == pytest.approx(max(scores), abs=1e-6)
-    np.testing.assert_allclose(pose, prior + offsets[int(np.argmax(scores))], atol=1e-12)
 
 
 @given(seed=seeds, rays=st.integers(1, 40))

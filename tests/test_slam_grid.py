@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rooms import ANGLES, Room
 
 from simloop.config import SlamConfig, VehicleConfig
 from simloop.grid_kernels import placed_bounds, trace_scan
@@ -19,34 +20,7 @@ from simloop.slam_grid import GridSlam
 
 CONFIG = SlamConfig()
 LASER = np.zeros(3)
-ANGLES = np.linspace(-math.pi, math.pi, 360, endpoint=False)
 seeds = st.integers(0, 2**32 - 1)
-
-
-class Room:
-    """Walls as segments (k, 4) x0, y0, x1, y1: a scan is rays cast among them."""
-
-    def __init__(self, *segments):
-        self.segments = np.array(segments, float)
-
-    def ranges(self, pose, most=12.0):
-        directions = np.stack((np.cos(ANGLES + pose[2]), np.sin(ANGLES + pose[2])), axis=1)
-        best = np.full(len(ANGLES), np.inf)
-        for x0, y0, x1, y1 in self.segments:
-            along = np.array([x1 - x0, y1 - y0])
-            to = np.array([x0 - pose[0], y0 - pose[1]])
-            det = directions[:, 0] * -along[1] + directions[:, 1] * along[0]
-            with np.errstate(divide="ignore", invalid="ignore"):
-                t = (to[0] * -along[1] + to[1] * along[0]) / det
-                s = (directions[:, 0] * to[1] - directions[:, 1] * to[0]) / det
-            best = np.where((t > 0) & (s >= 0) & (s <= 1) & (t < best), t, best)
-        return np.where(best <= most, best, np.inf)
-
-    def scan(self, pose, rng=None, t_ns=0):
-        ranges = self.ranges(pose)
-        if rng is not None:
-            ranges = ranges + 0.01 * rng.standard_normal(len(ranges))
-        return LidarScan(t_ns, ANGLES, ranges, np.zeros(360, np.int64), 0.15, 12.0)
 
 
 WALL = 2.02  # in the middle of a cell
@@ -183,7 +157,7 @@ def plain_refine_step(points, pose, slam):
         col, row = (math.floor(v / slam.resolution_m) for v in place)
         if not (0 <= row < slam.occupied.shape[0] and 0 <= col < slam.occupied.shape[1]):
             continue
-        if not surface_at(row, col, slam._hits, CONFIG.grain_m, slam.resolution_m, surface):
+        if not surface_at(row, col, slam.grid.hits, CONFIG.grain_m, slam.resolution_m, surface):
             continue
         off = place - surface[:2]
         inverse = np.array([[surface[2], surface[3]], [surface[3], surface[4]]])
@@ -205,7 +179,7 @@ def test_refinement_is_gauss_newton_with_every_surface_found_anew():
         if abs(step[0]) + abs(step[1]) < 1e-4 and abs(step[2]) < 1e-4:
             break
     fast, *_ = refine(
-        points, np.zeros(3), slam._hits, *slam.origin_m, slam.resolution_m, CONFIG.grain_m,
+        points, np.zeros(3), slam.grid.hits, *slam.origin_m, slam.resolution_m, CONFIG.grain_m,
         CONFIG.refine_steps,
     )  # fmt: skip
     np.testing.assert_allclose(fast, pose, atol=1e-9)
@@ -324,7 +298,7 @@ def test_a_wall_stays_where_it_is_wherever_the_cells_lie(off_m):
     x = 2.0 + off_m
     room = Room((x, -0.6, x, 0.6), (-x, -0.6, -x, 0.6))
     slam = mapped(room, [(0, 0, 0)] * 30, seed=3)
-    hits = slam._hits
+    hits = slam.grid.hits
     sums = hits[..., 0] + slam.origin_m[0] * hits[..., 2]
     columns = slam.origin_m[0] + slam.resolution_m * (np.arange(hits.shape[1]) + 0.5)
     for side in (-1.0, 1.0):
@@ -349,7 +323,7 @@ def test_the_planners_distances_are_those_to_the_surfaces():
     slam = mapped(SQUARE, [(0, 0, 0)] * 3)
     view = slam.view(0, np.array([1.0, 1.0]))
     rows, cols = np.nonzero(slam.occupied)
-    hits = slam._hits[rows, cols]
+    hits = slam.grid.hits[rows, cols]
     places = hits[:, :2] / hits[:, 2:] + slam.origin_m
     rng = np.random.default_rng(0)
     for row, col in rng.integers(0, min(slam.occupied.shape), (100, 2)):

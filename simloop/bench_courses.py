@@ -1,0 +1,228 @@
+"""Courses on which the mapper is measured: an arena, and the way that a robot is driven through it.
+
+Each is drawn from a seed. All walls are boxes, 0.2 m thick; the way is a chain of straight pieces
+that keeps clear of everything.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from simloop.config import FrictionZone
+from simloop.messages import FloatArray
+
+_WALL_M = 0.2
+_HEIGHT_M = 0.5
+_CLEAR_M = 0.65  # between the way and what stands about
+Box = tuple[float, float, float, float]
+"""x, y of the middle, length along x, width along y, m."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Course:
+    """boxes: walls and things; way: (n, 2) corners; bounds: x_min, y_min, x_max, y_max, m."""
+
+    name: str
+    boxes: tuple[Box, ...]
+    way: FloatArray
+    bounds: tuple[float, float, float, float]
+    zones: tuple[FrictionZone, ...] = ()
+
+    def to_mjcf(self) -> str:
+        """The arena, as ``arena.build`` takes it from a file."""
+        x0, y0, x1, y1 = self.bounds
+        geoms = "\n".join(
+            f'<geom name="wall_{k}" type="box" pos="{x:.4f} {y:.4f} {0.5 * _HEIGHT_M}" '
+            f'size="{0.5 * dx:.4f} {0.5 * dy:.4f} {0.5 * _HEIGHT_M}"/>'
+            for k, (x, y, dx, dy) in enumerate(self.boxes)
+        )
+        reach = 2.0 + max(abs(v) for v in self.bounds)
+        return f"""<mujoco model="{self.name}">
+<custom><numeric name="bounds" data="{x0} {y0} {x1} {y1}"/></custom>
+<worldbody><light pos="0 0 5"/>
+<geom name="floor" type="plane" size="{reach} {reach} 0.1"/>
+{geoms}
+</worldbody></mujoco>"""
+
+
+def _walls(x0: float, y0: float, x1: float, y1: float) -> list[Box]:
+    """A rectangle of walls whose inner faces are at these places."""
+    x, y, w = 0.5 * (x0 + x1), 0.5 * (y0 + y1), _WALL_M
+    return [
+        (x, y0 - 0.5 * w, x1 - x0 + 2 * w, w),
+        (x, y1 + 0.5 * w, x1 - x0 + 2 * w, w),
+        (x0 - 0.5 * w, y, w, y1 - y0 + 2 * w),
+        (x1 + 0.5 * w, y, w, y1 - y0 + 2 * w),
+    ]
+
+
+def _things(
+    rng: np.random.Generator, bounds: Box, way: FloatArray, count: int, tries: int = 400
+) -> list[Box]:
+    """Boxes of 0.2 to 0.9 m that keep clear of the way."""
+    found: list[Box] = []
+    for _ in range(tries):
+        if len(found) == count:
+            break
+        dx, dy = rng.uniform(0.2, 0.9, 2)
+        x, y = rng.uniform(bounds[0], bounds[2]), rng.uniform(bounds[1], bounds[3])
+        if _distance_to_way(np.array([x, y]), way) > _CLEAR_M + 0.5 * math.hypot(dx, dy):
+            found.append((float(x), float(y), float(dx), float(dy)))
+    return found
+
+
+def _distance_to_way(point: FloatArray, way: FloatArray) -> float:
+    best = math.inf
+    for a, b in pairwise(way):
+        along = b - a
+        share = np.clip((point - a) @ along / max(1e-12, along @ along), 0.0, 1.0)
+        best = min(best, float(np.hypot(*(a + share * along - point))))
+    return best
+
+
+def room(rng: np.random.Generator) -> Course:
+    """8 m x 8 m with things in it; three times round."""
+    bounds = (-4.0, -4.0, 4.0, 4.0)
+    ring = 2.4 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    way = np.vstack([ring, ring, ring, ring[:1]])
+    return Course("room", (*_walls(*bounds), *_things(rng, bounds, way, 8)), way, bounds)
+
+
+def ice(rng: np.random.Generator) -> Course:
+    """The room with patches of a sixth of the friction, one under each side of the way."""
+    plain = room(rng)
+    zones = tuple(
+        FrictionZone((float(x) - 0.8, float(y) - 0.8), (float(x) + 0.8, float(y) + 0.8), 0.1)
+        for x, y in ((2.4, 0.0), (-2.4, 0.5), (0.3, 2.4), (-0.5, -2.4))
+    )
+    return Course("ice", plain.boxes, plain.way, plain.bounds, zones)
+
+
+def corridor(rng: np.random.Generator) -> Course:
+    """30 m x 2 m with a recess or a pillar every few metres; there and back.
+
+    The laser sees 12 m: in the middle neither end is in sight.
+    """
+    bounds = (0.0, -1.0, 30.0, 1.0)
+    way = np.array([[1.0, 0.0], [29.0, 0.0], [29.0, 0.1], [1.0, 0.1]])
+    boxes = [*_walls(*bounds), *_pillars(rng, np.arange(3.0, 29.0, 3.0))]
+    return Course("corridor", tuple(boxes), way, bounds)
+
+
+def _pillars(rng: np.random.Generator, places: FloatArray) -> list[Box]:
+    sides = rng.choice([-1.0, 1.0], len(places))
+    sizes = rng.uniform(0.15, 0.3, len(places))
+    off = rng.uniform(-0.8, 0.8, len(places))
+    return [
+        (float(x + o), float(side * (1.0 - 0.5 * size)), 0.3, float(size))
+        for x, o, side, size in zip(places, off, sides, sizes, strict=True)
+    ]
+
+
+def loop(rng: np.random.Generator) -> Course:
+    """A ring of corridors, 60 m along its middle and 2 m wide; once round and 6 m more."""
+    half = 7.5
+    bounds = (-half - 1.0, -half - 1.0, half + 1.0, half + 1.0)
+    inner = half - 1.0
+    ring = half * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    way = np.vstack([[0.0, -half], ring[1:], ring[0], [6.0, -half]])
+    boxes = [*_walls(*bounds), (0.0, 0.0, 2.0 * inner, 2.0 * inner)]
+    for side in range(4):
+        turn = 0.5 * math.pi * side
+        for x, y, dx, dy in _pillars(rng, np.arange(-5.5, 6.0, 2.75)):
+            cos, sin = round(math.cos(turn)), round(math.sin(turn))
+            px, py = x, y - half
+            size = (dx, dy) if side % 2 == 0 else (dy, dx)
+            boxes.append((cos * px - sin * py, sin * px + cos * py, *size))
+    return Course("loop", tuple(boxes), way, bounds)
+
+
+def office(rng: np.random.Generator) -> Course:
+    """20 m x 20 m: sixteen rooms, doors along a random tree, things in each; all are visited."""
+    count, size = 4, 5.0
+    half = 0.5 * count * size
+    bounds = (-half, -half, half, half)
+    doors, way_rooms = _tree(rng, count)
+    centre = {
+        (i, j): np.array([(i + 0.5) * size - half, (j + 0.5) * size - half])
+        for i in range(count)
+        for j in range(count)
+    }
+    corners = [centre[way_rooms[0]]]
+    for a, b in pairwise(way_rooms):
+        corners += [doors[frozenset((a, b))] * size - half, centre[b]]
+    way = np.array(corners)
+    boxes = [*_walls(*bounds)]
+    for i in range(count):
+        for j in range(count):
+            for other in ((i + 1, j), (i, j + 1)):
+                if max(other) < count:
+                    door = doors.get(frozenset(((i, j), other)))
+                    boxes += _wall_between((i, j), other, door, size, half)
+    boxes += _things(rng, bounds, way, 70, 1500)
+    return Course("office", tuple(boxes), way, bounds)
+
+
+_Room = tuple[int, int]
+
+
+def _tree(
+    rng: np.random.Generator, count: int
+) -> tuple[dict[frozenset[_Room], FloatArray], list[_Room]]:
+    """Doors of a random spanning tree, in rooms' sides, and the walk that visits every room."""
+    doors: dict[frozenset[_Room], FloatArray] = {}
+    start = (0, 0)
+    walk, stack, seen = [start], [start], {start}
+    while stack:
+        i, j = stack[-1]
+        ways = [
+            (i + di, j + dj)
+            for di, dj in ((1, 0), (0, 1), (-1, 0), (0, -1))
+            if 0 <= i + di < count and 0 <= j + dj < count and (i + di, j + dj) not in seen
+        ]
+        if not ways:
+            stack.pop()
+            if stack:
+                walk.append(stack[-1])
+            continue
+        to = ways[int(rng.integers(len(ways)))]
+        place = 0.5 * (np.array([i, j]) + np.array(to)) + 0.5
+        place[1 if to[0] != i else 0] += rng.uniform(-0.2, 0.2)
+        doors[frozenset(((i, j), to))] = place
+        seen.add(to)
+        walk.append(to)
+        stack.append(to)
+    return doors, walk
+
+
+def _wall_between(
+    a: _Room, b: _Room, door: FloatArray | None, size: float, half: float
+) -> list[Box]:
+    """The wall between two rooms, with a gap of 1.5 m at the door."""
+    across = 0 if a[0] != b[0] else 1
+    along = 1 - across
+    at = b[across] * size - half
+    low, high = a[along] * size - half, (a[along] + 1) * size - half
+    pieces = [(low, high)]
+    if door is not None:
+        middle = door[along] * size - half
+        pieces = [(low, middle - 0.75), (middle + 0.75, high)]
+    boxes = []
+    for start, end in pieces:
+        place, extent = 0.5 * (start + end), end - start
+        boxes.append((at, place, _WALL_M, extent) if across == 0 else (place, at, extent, _WALL_M))
+    return boxes
+
+
+COURSES: dict[str, Callable[[np.random.Generator], Course]] = {
+    "room": room,
+    "ice": ice,
+    "corridor": corridor,
+    "loop": loop,
+    "office": office,
+}

@@ -1,0 +1,142 @@
+"""A robot driven along a course by someone who knows the truth: what its sensors say on the way.
+
+The plant, the encoders, the gyro and the swept laser are those of every run. The driver follows
+the way by the true pose, so that what is measured afterwards is the mapper and nothing else.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from simloop.arena import build, floor_plan
+from simloop.bench_courses import Course
+from simloop.config import Config
+from simloop.floor_plan import FloorPlan
+from simloop.messages import EncoderReading, FloatArray, LidarScan, Truth
+from simloop.plant import Plant
+from simloop.se2 import wrap_angle
+from simloop.sensors import Encoders, Imu, Lidar
+
+_SPEED_MPS, _MOST_RATE = 0.4, 0.8
+_LOOK_M, _NEAR_M = 0.5, 0.25
+_GAUGE_RATIO = 1.25  # by which the driver asks more of the tracks than a wheeled robot's would need
+_LIMIT_S = 1800.0
+_STILL_S = 1.0  # at the start, for the gyro's bias
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drive:
+    """scans, each with odometry's trail over its sweep: t_ns (k,), poses (k, 3). truth: (n, 3)."""
+
+    scans: list[LidarScan]
+    trails: list[tuple[np.ndarray, FloatArray]]
+    truth: FloatArray
+    laser: FloatArray
+    floor: FloorPlan
+    done: bool
+
+
+def drive(course: Course, seed: int) -> Drive:
+    """Drive the course from its first corner to its last, looking along the way at the start."""
+    config = Config()
+    config = replace(config, tracks=replace(config.tracks, zones=course.zones))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"{course.name}.xml"
+        path.write_text(course.to_mjcf(), encoding="utf-8")
+        model = build(path, (), config.rates.physics_s)
+    floor, plant = floor_plan(model), Plant(model, config)
+    imu_rng, lidar_rng = np.random.default_rng(seed).spawn(2)
+    imu = Imu(config.imu, config.rates.control_s, imu_rng)
+    lidar = Lidar(config.lidar, config.rates.lidar_s, plant.base_from_laser, lidar_rng)
+    encoders, odometry = Encoders(config.encoder), _GyroOdometry(config)
+    first = course.way[1] - course.way[0]
+    start = np.array([*course.way[0], math.atan2(first[1], first[0])])
+    truth, driver = plant.reset(start), _Driver(course.way, config)
+    scans: list[LidarScan] = []
+    trails, truths = [], []
+    while not driver.done and truth.t_ns < _LIMIT_S * 1e9 and not truth.contact_count:
+        before, truth = truth, plant.step(driver.voltage(truth))
+        odometry.advance(encoders.read(truth), imu.read(truth).gyro_radps[2])
+        scan = lidar.sweep(before, truth, plant)
+        if scan is not None:
+            scans.append(scan)
+            trails.append(odometry.trail(scan))
+            truths.append(truth.pose_xyyaw)
+    laser = np.array([*plant.base_from_laser[:2], 0.0])
+    return Drive(scans, trails, np.array(truths), laser, floor, driver.done)
+
+
+class _Driver:
+    """Pure pursuit of the way's straight pieces (Coulter 1992), on the true pose."""
+
+    def __init__(self, way: FloatArray, config: Config) -> None:
+        self._way, self._next, self._config = way, 1, config
+        self.done = False
+
+    def voltage(self, truth: Truth) -> FloatArray:
+        """(2,) left, right."""
+        if truth.t_ns < _STILL_S * 1e9:
+            return np.zeros(2)
+        pose = truth.pose_xyyaw
+        while math.dist(pose[:2], self._way[self._next]) < _NEAR_M:
+            if self._next + 1 == len(self._way):
+                self.done = True
+                return np.zeros(2)
+            self._next += 1
+        target = self._target(pose)
+        off = wrap_angle(math.atan2(target[1] - pose[1], target[0] - pose[0]) - pose[2])
+        rate = float(np.clip(2.5 * off, -_MOST_RATE, _MOST_RATE))
+        speed = _SPEED_MPS * max(0.0, 1.0 - abs(off) / 0.7)
+        half = 0.5 * self._config.vehicle.gauge_m * _GAUGE_RATIO * rate
+        radius, motor = self._config.vehicle.sprocket_radius_m, self._config.motor
+        spin = np.array([speed - half, speed + half]) / radius
+        come = truth.sprocket_radps
+        volts = motor.back_emf_v_per_radps * spin + 3.0 * (spin - come)
+        return np.clip(volts, -motor.supply_v, motor.supply_v)
+
+    def _target(self, pose: FloatArray) -> FloatArray:
+        """A little ahead on the piece that ends at the next corner."""
+        a, b = self._way[self._next - 1], self._way[self._next]
+        along = (b - a) / math.dist(a, b)
+        at = float(np.clip((pose[:2] - a) @ along + _LOOK_M, 0.0, math.dist(a, b)))
+        return np.asarray(a + at * along)
+
+
+class _GyroOdometry:
+    """Way by the tracks, turn by the gyro, its bias taken while the robot stood at the start."""
+
+    def __init__(self, config: Config) -> None:
+        turn_m = 2.0 * math.pi * config.vehicle.sprocket_radius_m
+        self._per_count_m = turn_m / config.encoder.counts_per_turn
+        self._period_s = config.rates.control_s
+        self._pose = np.zeros(3)
+        self._last: EncoderReading | None = None
+        self._still: list[float] = []
+        self._t_ns: list[int] = []
+        self._poses: list[FloatArray] = []
+
+    def advance(self, reading: EncoderReading, rate_radps: float) -> None:
+        last, self._last = self._last or reading, reading
+        if reading.t_ns <= _STILL_S * 1e9:
+            self._still.append(rate_radps)
+        turn = (rate_radps - float(np.mean(self._still))) * self._period_s
+        ahead = reading.left_counts + reading.right_counts - last.left_counts - last.right_counts
+        x, y, yaw = self._pose
+        step, middle = 0.5 * ahead * self._per_count_m, yaw + 0.5 * turn
+        self._pose = np.array(
+            [x + step * math.cos(middle), y + step * math.sin(middle), wrap_angle(yaw + turn)]
+        )
+        self._t_ns.append(reading.t_ns)
+        self._poses.append(self._pose)
+
+    def trail(self, scan: LidarScan) -> tuple[np.ndarray, FloatArray]:
+        """The poses over the scan's sweep, which ends now."""
+        first = max(0, len(self._t_ns) - 2 - int(scan.age_ns.max() * 1e-9 / self._period_s))
+        times, poses = np.array(self._t_ns[first:], np.int64), np.array(self._poses[first:])
+        self._t_ns, self._poses = self._t_ns[first:], self._poses[first:]
+        return times, poses

@@ -1,0 +1,192 @@
+"""The mapper on courses in the simulator, where the truth is known.
+
+Trajectories are compared by evo (Grupp 2017): ATE after the best rigid alignment (Sturm et al.
+2012) and as it stands from the common start; RPE over a metre of way. Nothing here is ever used in
+a decision.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from simloop.bench_courses import COURSES
+from simloop.bench_drive import Drive, drive
+from simloop.bench_loop import machine
+from simloop.compile_listener import Report, silent
+from simloop.errors import InputError, did_you_mean
+from simloop.floor_plan import FloorPlan
+from simloop.grid_map import GridMap
+from simloop.mapping.mapper import GraphMapper
+from simloop.mapping.settings import MappingConfig
+from simloop.mapping.warmup import warm_up
+from simloop.messages import FloatArray
+from simloop.metrics import versions
+from simloop.report import print_table
+from simloop.scan_match import deskew
+from simloop.se2 import between, compose, wrap_angle
+
+_RPE_M = 1.0
+_COLUMNS = (
+    "way_m",
+    "ate_rmse_m",
+    "ate_from_start_m",
+    "rpe_rmse_m",
+    "odometry_ate_rmse_m",
+    "nees_mean",
+    "map_iou",
+    "surface_p95_m",
+    "ms_per_scan_p50",
+    "ms_per_scan_p99",
+    "closures",
+)
+
+
+def run(
+    names: Sequence[str] = (),
+    seeds: Sequence[int] = (0,),
+    said: Callable[[str, int], None] = lambda text, done: None,
+    report: Report = silent,
+) -> dict[str, Any]:
+    """The figures of the courses named, or of all, with every seed.
+
+    said: hears which course is driven, and how many have been.
+    """
+    for name in names:
+        if name not in COURSES:
+            raise InputError(f"--course {name}: unknown{did_you_mean(name, COURSES)}")
+    _evo()
+    warm_up(report)
+    rows: list[dict[str, Any]] = []
+    for name in names or COURSES:
+        for seed in seeds:
+            said(f"{name}, seed {seed}", len(rows))
+            course = COURSES[name](np.random.default_rng([seed, 0x51]))
+            driven = drive(course, seed)
+            rows.append({"course": name, "seed": seed, **measure(driven)})
+    return {"courses": rows, "versions": versions(), "machine": machine()}
+
+
+def measure(driven: Drive) -> dict[str, Any]:
+    """Map what was driven, and compare with the truth."""
+    config = MappingConfig()
+    mapper = GraphMapper(config, start=driven.truth[0])
+    limits = np.array([driven.scans[0].range_min_m, driven.scans[0].range_max_m])
+    each, keyframes = [], []
+    for number, (scan, (times, poses)) in enumerate(zip(driven.scans, driven.trails, strict=True)):
+        began = perf_counter()
+        points, origins = deskew(
+            scan.angles_rad,
+            scan.ranges_m,
+            scan.t_ns - scan.age_ns,
+            limits,
+            times,
+            poses,
+            driven.laser,
+        )
+        if mapper.step(points, origins, poses[-1]):
+            keyframes.append(number)
+        each.append(1e3 * (perf_counter() - began))
+    mapper.finish()
+    found, truth = mapper.trajectory(), driven.truth
+    odometry = _from_start(truth[0], np.array([poses[-1] for _, poses in driven.trails]))
+    iou, surface = map_quality(mapper.map(), driven.floor)
+    ate, rpe = _evo_errors(truth, found)
+    return {
+        "finished": driven.done,
+        "scans": len(each),
+        "way_m": float(np.hypot(*np.diff(truth[:, :2], axis=0).T).sum()),
+        "ate_rmse_m": ate,
+        "ate_from_start_m": float(np.sqrt(np.mean(np.sum((found - truth)[:, :2] ** 2, axis=1)))),
+        "rpe_rmse_m": rpe,
+        "odometry_ate_rmse_m": _evo_errors(truth, odometry)[0],
+        "nees_mean": nees(mapper, truth[keyframes]),
+        "map_iou": iou,
+        "surface_p95_m": surface,
+        "ms_per_scan_p50": float(np.percentile(each, 50)),
+        "ms_per_scan_p99": float(np.percentile(each, 99)),
+        "keyframes": len(keyframes),
+        "closures": sum(edge.closure for edge in mapper.graph.edges),
+        "scans_unmatched": mapper.unmatched,
+    }
+
+
+def nees(mapper: GraphMapper, truth: FloatArray) -> float:
+    """Mean over the keyframes of e' P^-1 e, P the graph's own covariance; 3 where it is honest.
+
+    The first keyframe, which is held, is left out.
+    """
+    poses, covariances = np.array(mapper.graph.poses), mapper.graph.covariances()
+    values = []
+    for pose, true, covariance in zip(poses[1:], truth[1:], covariances[1:], strict=True):
+        error = pose - true
+        error[2] = wrap_angle(error[2])
+        values.append(float(error @ np.linalg.solve(covariance, error)))
+    return float(np.mean(values))
+
+
+def map_quality(grid: GridMap, floor: FloorPlan) -> tuple[float, float]:
+    """Intersection over union of the free space, and how far surfaces are from true ones (p95, m).
+
+    Free truly: what lies within the arena's bounds and in no obstacle, and is open to the way that
+    was driven, that is, connected to free cells of the map.
+    """
+    rows, cols = grid.log_odds.shape
+    x = grid.origin_m[0] + (np.arange(cols) + 0.5) * grid.resolution_m
+    y = grid.origin_m[1] + (np.arange(rows) + 0.5) * grid.resolution_m
+    cells = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    x_min, y_min, x_max, y_max = floor.bounds_m
+    inside = (cells > [x_min, y_min]).all(axis=1) & (cells < [x_max, y_max]).all(axis=1)
+    free = (inside & (floor.clearance_m(cells) > 0.0)).reshape(rows, cols)
+    seen = grid.log_odds < 0.0
+    surfaces = grid.surfaces()
+    off = np.abs(floor.clearance_m(surfaces))
+    return float((free & seen).sum() / (free | seen).sum()), float(np.percentile(off, 95))
+
+
+def _from_start(start: FloatArray, odometry: FloatArray) -> FloatArray:
+    return np.array([compose(start, between(odometry[0], pose)) for pose in odometry])
+
+
+def _evo() -> tuple[Any, Any]:
+    try:
+        from evo.core import metrics, trajectory
+    except ImportError:
+        raise InputError("bench slam compares by evo: pip install 'simloop[slam]'") from None
+    return metrics, trajectory
+
+
+def _evo_errors(truth: FloatArray, found: FloatArray) -> tuple[float, float]:
+    """ATE after alignment, and RPE over a metre of way, both RMS, m."""
+    metrics, trajectory = _evo()
+
+    def path(poses: FloatArray) -> Any:
+        half, zero = 0.5 * poses[:, 2], np.zeros(len(poses))
+        return trajectory.PosePath3D(
+            positions_xyz=np.column_stack([poses[:, :2], zero]),
+            orientations_quat_wxyz=np.column_stack([np.cos(half), zero, zero, np.sin(half)]),
+        )
+
+    true, aligned = path(truth), path(found)
+    aligned.align(true)
+    ate = metrics.APE(metrics.PoseRelation.translation_part)
+    ate.process_data((true, aligned))
+    rpe = metrics.RPE(
+        metrics.PoseRelation.translation_part, _RPE_M, metrics.Unit.meters, all_pairs=True
+    )
+    rpe.process_data((true, path(found)))
+    rms = metrics.StatisticsType.rmse
+    return float(ate.get_statistic(rms)), float(rpe.get_statistic(rms))
+
+
+def print_figures(console: Console, figures: dict[str, Any]) -> None:
+    """One row a course."""
+    rows = [
+        [row["course"], str(row["seed"]), *(f"{row[key]:.4g}" for key in _COLUMNS)]
+        for row in figures["courses"]
+    ]
+    print_table(console, "slam", ["course", "seed", *_COLUMNS], rows)

@@ -1,0 +1,154 @@
+"""Where the robot is in a map that it was given, from a known place or from none.
+
+While lost it says so, and looks for itself in the whole map with what it has seen over the last
+metres: one scan, of a corridor or of a corner, fits in many places.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from simloop.grid_map import GridMap
+from simloop.mapping.closures import cluster_of
+from simloop.mapping.scan_tracker import ScanTracker
+from simloop.mapping.settings import MappingConfig
+from simloop.mapping.submap import meetings
+from simloop.messages import FloatArray
+from simloop.se2 import between
+
+_RIVAL_M, _RIVAL_RAD = 0.5, 0.35
+_COARSE_POINTS = 150
+_MOST_RIVALS = 6  # more places than that look alike: nothing is told apart
+_CLEARLY = 0.02  # of the points, by which a rival must stand in free space more
+_NO_WEIGHTS = np.zeros(2)
+_START_STD, _FOUND_STD = (0.1, 0.1, 0.05), (0.05, 0.05, 0.02)  # x, y, yaw
+
+
+class Localiser:
+    """Tracks the robot through ``grid``, to which nothing is added.
+
+    pose: (3,) base_link in map at the first scan, or None where nobody knows. ``lost``: whether
+    ``pose`` is but a guess; ``relocalised``: how often it found itself in the whole map. A place
+    that was found is taken for true once the robot has moved on and it still fits.
+    """
+
+    def __init__(
+        self, grid: GridMap, config: MappingConfig, pose: FloatArray | None = None
+    ) -> None:
+        self._grid, self._config = grid, config
+        self._tracker = ScanTracker(config)
+        self.lost = pose is None
+        self._lookout: _Lookout | None = _Lookout(config) if pose is None else None
+        self._unproved: FloatArray | None = None
+        if pose is not None:
+            self._set(np.array(pose, np.float64), _START_STD)
+        self._odom: FloatArray | None = None
+        self._misses = 0
+        self.relocalised = 0
+
+    @property
+    def pose(self) -> FloatArray:
+        """(3,) base_link in map; no more than a guess while ``lost``."""
+        return self._tracker.pose.copy()
+
+    def step(self, points: FloatArray, odom: FloatArray) -> bool:
+        """Take a scan's hits (n, 2) in base_link at raw odometry (3,); False while lost."""
+        motion = np.zeros(3) if self._odom is None else between(self._odom, odom)
+        self._odom = np.array(odom, np.float64)
+        self._tracker.predict(motion)
+        if self._lookout is not None:
+            cluster = self._lookout.look(points, motion)
+            if cluster is not None:
+                self._find(cluster)
+            return False
+        good = self._tracker.match(self._grid, points, motion) and self._believable(points)
+        self._misses = 0 if good else self._misses + 1
+        if self._misses >= self._config.lost_scans:
+            self.lost, self._lookout, self._unproved = True, _Lookout(self._config), None
+        elif self._unproved is not None and _apart(self._unproved, self.pose, self._config):
+            self.lost, self._unproved = False, None
+            self.relocalised += 1
+        return not self.lost
+
+    def _believable(self, points: FloatArray) -> bool:
+        """Whether the match is one: walls fit walls in many wrong places, and what tells is what
+        stands where the map has free space.
+        """
+        agreement, known = meetings(self._grid, points, self._tracker.pose)
+        return agreement >= self._config.track_agreement and known >= self._config.least_share
+
+    def _find(self, cluster: FloatArray) -> None:
+        pose = relocalise(self._grid, cluster, self._config)
+        if pose is not None:
+            self._set(pose, _FOUND_STD)
+            self._lookout, self._misses, self._unproved = None, 0, pose
+
+    def _set(self, pose: FloatArray, std: tuple[float, float, float]) -> None:
+        self._tracker.pose = pose
+        self._tracker.covariance = np.diag(np.square(std))
+
+
+class _Lookout:
+    """A lost robot's picture of what is about it: the last scans, put together by matching."""
+
+    def __init__(self, config: MappingConfig) -> None:
+        self._config, self._tracker = config, ScanTracker(config)
+        self._grid = GridMap(config.grid)
+        self._points: list[FloatArray] = []
+        self._poses: list[FloatArray] = []
+
+    def look(self, points: FloatArray, motion: FloatArray) -> FloatArray | None:
+        """(n, 2) what it has seen, in base_link, if the robot has moved on; else None."""
+        if self._poses:
+            self._tracker.predict(motion)
+            self._tracker.match(self._grid, points, motion)
+            if not _apart(self._poses[-1], self._tracker.pose, self._config):
+                return None
+        self._grid.insert(points, np.zeros_like(points), self._tracker.pose)
+        most = self._config.lookout_keyframes
+        self._points = [*self._points[1 - most :], points]
+        self._poses = [*self._poses[1 - most :], self._tracker.pose.copy()]
+        return cluster_of(self._points, self._poses, self._config.cluster_points)
+
+
+def _apart(a: FloatArray, b: FloatArray, config: MappingConfig) -> bool:
+    """Whether a robot has moved on from ``a`` by as much as makes a keyframe."""
+    off = between(a, b)
+    return math.hypot(off[0], off[1]) >= config.keyframe_m or abs(off[2]) >= config.keyframe_rad
+
+
+def relocalise(grid: GridMap, points: FloatArray, config: MappingConfig) -> FloatArray | None:
+    """(3,) the one pose of all in the map at which points (n, 2) fit, or None: nowhere, or several.
+
+    Exact: no pose on the search's raster is passed over that could fit better (branch and bound).
+    All that come near the best are weighed by what stands where the map has free space.
+    """
+    rows, cols = grid.log_odds.shape
+    if not grid.occupied.any() or len(points) < 0.1 * config.cluster_points:
+        return None
+    centre = grid.origin_m + 0.5 * grid.resolution_m * np.array([cols, rows])
+    reach = 0.5 * grid.resolution_m * max(rows, cols)
+    prior, window = np.array([*centre, 0.0]), np.array([reach, math.pi])
+    few = np.ascontiguousarray(points[:: max(1, len(points) // _COARSE_POINTS)])
+    places = np.empty((0, 5))
+    least = config.closure_least_score
+    found: list[tuple[float, bool, FloatArray]] = []
+    while len(found) <= _MOST_RIVALS:
+        place, score = grid.search(few, prior, window, _NO_WEIGHTS, least, places)
+        if score < 0.0:
+            break
+        if not found:
+            least = max(least, config.rival_score * score)
+        places = np.vstack([places, [*place, _RIVAL_M, _RIVAL_RAD]])
+        pose, _, share, residual = grid.refine(points, place)
+        agreement, overlap = meetings(grid, points, pose)
+        fits = share >= config.least_share and residual <= config.grid.most_residual
+        found.append((1.0 - agreement, fits and overlap >= config.least_overlap, pose))
+    found.sort(key=lambda one: one[0])
+    if not found or len(found) > _MOST_RIVALS:
+        return None
+    conflict, fits, pose = found[0]
+    alone = len(found) == 1 or found[1][0] >= 2.0 * conflict + _CLEARLY
+    return pose if fits and alone and conflict <= 1.0 - config.agreement else None

@@ -1,0 +1,167 @@
+"""The mapper: scans and wheel odometry in, trajectory and map out.
+
+A scan is matched to the submap that the scans before it made (front end); keyframes and what joins
+them go into a graph, loop closures are looked for in older submaps, and the graph says where the
+keyframes stand (back end). The front end's own frame stays smooth; the map's may jump.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from simloop.grid_map import GridMap
+from simloop.mapping.closures import ClosureFinder
+from simloop.mapping.pose_graph import Edge, PoseGraph, turned
+from simloop.mapping.scan_tracker import ScanTracker
+from simloop.mapping.settings import MappingConfig
+from simloop.mapping.submap import Submap
+from simloop.messages import FloatArray
+from simloop.profiler import NullProfiler, Stopwatch
+from simloop.se2 import between, compose
+
+STAGES = ("match", "insert", "closures", "graph")
+
+_LOST_KEYFRAMES = 3  # in a row that fit nothing: a new submap is begun
+
+
+class GraphMapper:
+    """Scans in the order of their times. start: (3,) base_link in map at the first of them.
+
+    ``pose`` (3,): base_link in map, now. ``unmatched``: scans that fitted nothing.
+    """
+
+    def __init__(
+        self,
+        config: MappingConfig | None = None,
+        profiler: Stopwatch | None = None,
+        start: FloatArray | None = None,
+    ) -> None:
+        stages = profiler if profiler is not None else NullProfiler()
+        self._time = {name: stages.stage(name) for name in STAGES}
+        self._config = config if config is not None else MappingConfig()
+        self.graph = PoseGraph()
+        self.closures = ClosureFinder(self._config, self.graph)
+        self.submaps: list[Submap] = []
+        self.unmatched = 0
+        self._active: list[Submap] = []
+        self._odom: FloatArray | None = None
+        self._tracker = ScanTracker(self._config)
+        if start is not None:
+            self._tracker.pose = np.array(start, np.float64)
+        self._points: list[FloatArray] = []
+        self._origins: list[FloatArray] = []
+        self._locals: list[FloatArray] = []
+        self._trail: list[tuple[int, FloatArray]] = []
+        self._lost = 0
+        self._submap_ended = False
+
+    @property
+    def pose(self) -> FloatArray:
+        """(3,) base_link in map."""
+        keyframe, offset = self._trail[-1]
+        return compose(self.graph.poses[keyframe], offset)
+
+    @property
+    def keyframe_points(self) -> list[FloatArray]:
+        """Each keyframe's hits, (n, 2) in its base_link."""
+        return self._points
+
+    def trajectory(self) -> FloatArray:
+        """(n, 3) base_link in map at each scan, by what is known by now."""
+        return np.array([compose(self.graph.poses[k], offset) for k, offset in self._trail])
+
+    def step(self, points: FloatArray, origins: FloatArray, odom: FloatArray) -> bool:
+        """Take a scan, points and origins (n, 2) in base_link, at raw odometry ``odom`` (3,).
+
+        True if it became a keyframe.
+        """
+        if self._odom is None:
+            self._odom = np.array(odom, np.float64)
+            self._keyframe(points, origins, True)
+            return True
+        motion = between(self._odom, odom)
+        self._odom = np.array(odom, np.float64)
+        self._tracker.predict(motion)
+        with self._time["match"]:
+            matched = self._tracker.match(self._active[0].grid, points, motion)
+        self.unmatched += not matched
+        off = between(self._locals[-1], self._tracker.pose)
+        far = math.hypot(off[0], off[1]) >= self._config.keyframe_m
+        if far or abs(off[2]) >= self._config.keyframe_rad:
+            self._keyframe(points, origins, matched)
+            return True
+        self._trail.append((len(self._locals) - 1, off))
+        return False
+
+    def finish(self) -> None:
+        """Put all keyframes where, by all that has been found, they stand."""
+        if self.graph.has_news:
+            with self._time["graph"]:
+                self.graph.optimise()
+
+    def map(self) -> GridMap:
+        """The map made anew from all keyframes where they stand by now."""
+        grid = GridMap(self._config.grid)
+        for points, origins, pose in zip(
+            self._points, self._origins, self.graph.poses, strict=True
+        ):
+            grid.insert(points, origins, pose)
+        return grid
+
+    def _keyframe(self, points: FloatArray, origins: FloatArray, matched: bool) -> None:
+        self._lost = 0 if matched else self._lost + 1
+        self._points.append(points)
+        self._origins.append(origins)
+        number = self._join(self._tracker.pose)
+        self._locals.append(self._tracker.pose.copy())
+        self._trail.append((number, np.zeros(3)))
+        if self._lost >= _LOST_KEYFRAMES:
+            self._end_submaps()
+        with self._time["insert"]:
+            self._enter(number, points, origins)
+        if number % self._config.closure_every == 0:
+            with self._time["closures"]:
+                closures = self.closures.look(self.submaps, self._points, self._locals)
+            for edge in closures:
+                self.graph.add_edge(edge)
+            if len(closures) > 1 or self._submap_ended:
+                self._submap_ended = False
+                self.finish()
+
+    def _join(self, local: FloatArray) -> int:
+        """Put a keyframe into the graph, where the front end has it."""
+        if not self._locals:
+            return self.graph.add_pose(local)
+        before = len(self._locals) - 1
+        way = between(self._locals[before], local)
+        number = self.graph.add_pose(compose(self.graph.poses[before], way))
+        pairs = [(before, self._locals[before], way)]
+        submap = self._active[0]
+        if submap.anchor != before:
+            pairs.append((submap.anchor, submap.anchor_pose, between(submap.anchor_pose, local)))
+        config = self._config
+        floor = np.diag(np.square([config.match_std_xy_m] * 2 + [config.match_std_yaw_rad]))
+        for first, pose, step in pairs:
+            covariance = turned(self._tracker.covariance, -pose[2]) + floor
+            self.graph.add_edge(Edge(first, number, step, covariance, False))
+        return number
+
+    def _enter(self, number: int, points: FloatArray, origins: FloatArray) -> None:
+        half = self._config.submap_keyframes // 2
+        if not self._active or len(self._active[-1].keyframes) >= half:
+            self._active.append(Submap(self._config.grid, number, self._tracker.pose))
+            self.submaps.append(self._active[-1])
+        if len(self._active) > 2:
+            self._active.pop(0).finish()
+            self._submap_ended = True
+        for submap in self._active:
+            submap.add(number, points, origins, self._tracker.pose)
+
+    def _end_submaps(self) -> None:
+        for submap in self._active:
+            submap.finish()
+        self._active = []
+        self._tracker.covariance = np.zeros((3, 3))
+        self._submap_ended = True

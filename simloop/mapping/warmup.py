@@ -1,0 +1,30 @@
+"""Compiles the mapper's kernels on a small made-up log, before the clock matters."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from simloop.compile_listener import Report, listening, silent
+from simloop.mapping.mapper import GraphMapper
+from simloop.mapping.settings import MappingConfig
+
+
+def warm_up(report: Report = silent) -> int:
+    """Map a square room for a few scans, thrown away; how many kernels were compiled."""
+    config = replace(MappingConfig(), submap_keyframes=2, cluster_keyframes=2, closure_every=1)
+    side = np.linspace(-2.0, 2.0, 60)
+    end = np.full_like(side, 2.0)
+    walls = np.concatenate(
+        [np.stack(pair, axis=1) for pair in ((side, end), (side, -end), (end, side), (-end, side))]
+    )
+    with listening(report) as listener:
+        mapper = GraphMapper(config)
+        for step in range(10):
+            pose = np.array([0.35 * (step % 2), 0.0, 0.0])
+            points = walls - pose[:2]
+            mapper.step(points, np.zeros_like(points), pose)
+        mapper.finish()
+        mapper.map()
+    return listener.count

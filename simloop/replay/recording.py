@@ -1,0 +1,116 @@
+"""A replay as a recording for rerun's viewer: map, scans, and the way by mapper and by wheels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from simloop.grid_map import GridMap
+from simloop.messages import FloatArray
+from simloop.record_columns import lifted, occupancy_percent
+
+if TYPE_CHECKING:
+    from simloop.replay.session import Replay
+
+_TIMELINE = "log_time"
+_BASE = "map/base_link"
+_COLOURS = {"mapper": [30, 106, 201], "odometry": [200, 170, 60], "closures": [160, 60, 168]}
+
+
+def record(path: Path, replay: Replay) -> None:
+    """Write the whole replay. Raises OSError where the file cannot be opened."""
+    import rerun as rr
+
+    with open(path, "ab"):  # before the library is asked, whose refusal is no OSError
+        pass
+    stream = rr.RecordingStream("simloop_replay")
+    stream.set_log_time_enabled(False)
+    stream.set_log_tick_enabled(False)
+    try:
+        stream.save(path)
+    except RuntimeError as error:
+        raise OSError(f"cannot record to {path}: {error}") from None
+    stream.log("map", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    _log_map(stream, replay.map)
+    known = np.isfinite(replay.trajectory[:, 0])
+    poses, log = replay.trajectory[known], replay.log
+    times = log.t_s[: len(known)][known]
+    _log_way(stream, "mapper", poses[:, :2])
+    _log_way(stream, "odometry", log.odom[: len(known), :2])
+    if replay.closures:
+        _log_strips(stream, "map/closures", replay.closures, "closures", 0.01)
+    if len(poses):
+        _send_poses(stream, times, poses)
+    _send_scans(stream, replay)
+    stream.flush()
+    stream.disconnect()
+
+
+def _log_map(stream: Any, grid: GridMap) -> None:
+    import rerun as rr
+
+    rows, columns = grid.log_odds.shape
+    stream.log(
+        "map/occupancy",
+        rr.GridMap(
+            data=occupancy_percent(grid.log_odds)[::-1].tobytes(),  # an image's first row is up
+            format=rr.components.ImageFormat(
+                width=columns, height=rows, color_model="L", channel_datatype="U8"
+            ),
+            cell_size=grid.resolution_m,
+            translation=[*grid.origin_m, 0.0],
+            opacity=0.85,
+            colormap=rr.components.Colormap.RvizMap,
+        ),
+        static=True,
+    )
+
+
+def _log_way(stream: Any, name: str, xy: FloatArray) -> None:
+    _log_strips(stream, f"map/trails/{name}", [xy], name, 0.02)
+
+
+def _log_strips(
+    stream: Any, entity: str, strips: Sequence[FloatArray], name: str, r: float
+) -> None:
+    import rerun as rr
+
+    lines = [lifted(strip, 0.01) for strip in strips]
+    stream.log(entity, rr.LineStrips3D(lines, colors=_COLOURS[name], radii=r), static=True)
+
+
+def _send_poses(stream: Any, t_s: FloatArray, poses: FloatArray) -> None:
+    import rerun as rr
+
+    half, zero = 0.5 * poses[:, 2], np.zeros(len(poses))
+    turns = np.stack([zero, zero, np.sin(half), np.cos(half)], axis=1)
+    columns = rr.Transform3D.columns(translation=lifted(poses[:, :2], 0.0), quaternion=turns)
+    stream.send_columns(_BASE, indexes=[_times(t_s)], columns=columns)
+
+
+def _send_scans(stream: Any, replay: Replay) -> None:
+    """The keyframes' scans, in base_link."""
+    import rerun as rr
+
+    rows = replay.keyframe_points
+    if not rows:
+        return
+    columns = rr.Points3D.columns(positions=lifted(np.concatenate(rows), 0.02))
+    stream.log(
+        f"{_BASE}/scan", rr.Points3D.from_fields(colors=[214, 48, 48], radii=0.02), static=True
+    )
+    times = replay.log.t_s[list(replay.keyframes)]
+    stream.send_columns(
+        f"{_BASE}/scan",
+        indexes=[_times(times)],
+        columns=columns.partition([len(row) for row in rows]),
+    )
+
+
+def _times(t_s: FloatArray) -> Any:
+    import rerun as rr
+
+    return rr.TimeColumn(_TIMELINE, duration=t_s - t_s[0])
