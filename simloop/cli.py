@@ -91,14 +91,15 @@ def _about(
 @app.command("list")
 def list_choices() -> int:
     """Show the scenarios, planners and arenas that can be named."""
-    from simloop import catalog
+    from simloop import catalog, planners
     from simloop.report import print_table
 
     console = Console()
     facts = {name: catalog.scenario_facts(path) for name, path in catalog.scenario_files().items()}
     rows = [[name, fact["title"], fact["description"]] for name, fact in facts.items()]
     print_table(console, "scenarios", ["name", "title", "description"], rows)
-    print_table(console, "planners", ["name"], [[name] for name in catalog.planner_names()])
+    about = [[name, planners.summary(name)] for name in catalog.planner_names()]
+    print_table(console, "planners", ["name", "description"], about)
     print_table(console, "arenas", ["name"], [[name] for name in catalog.arena_files()])
     return 0
 

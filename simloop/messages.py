@@ -7,7 +7,7 @@ in integer nanoseconds. Arrays inside a message are read-only.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cache
 from typing import Any
 
@@ -198,7 +198,8 @@ class Plan(_Message):
     """A planner's answer: waypoints_m (M, 2) from start to goal, with its account.
 
     cost is J = w1 length + w2 turning (+ penalty when not safe). candidates_m: some of the
-    final class, for the eye only. ``safe``: clearance kept along the whole polyline.
+    final class, for the eye only. ``safe``: clearance kept along the whole polyline. history:
+    (H, 2) evaluations and the best J from then on, one row for each gain; empty if not kept.
     """
 
     t_ns: int
@@ -212,6 +213,7 @@ class Plan(_Message):
     planner: str
     reason: str = "frame"
     candidates_m: tuple[FloatArray, ...] = ()
+    history: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
