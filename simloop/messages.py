@@ -181,7 +181,8 @@ class WorldView(_Message):
 
     distance_m: (rows, cols) float32, [iy, ix], Euclidean distance from a cell's centre to the
     nearest occupied cell's surface; cell (0, 0) has its lower left corner at origin_m (2,).
-    discs_xyr_m: (K, 3) obstacles as discs. bounds_m: (4,) x_min, y_min, x_max, y_max of the
+    discs_xyr_m: (K, 3) obstacles as discs. polygons_m: corners (N, 2) of convex ones.
+    bounds_m: (4,) x_min, y_min, x_max, y_max of the
     space in which waypoints may lie. Outside the grid all is free; unknown is free.
     """
 
@@ -191,6 +192,7 @@ class WorldView(_Message):
     distance_m: NDArray[np.float32]
     discs_xyr_m: FloatArray
     bounds_m: FloatArray
+    polygons_m: tuple[FloatArray, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -220,7 +220,6 @@ class TlboPlanner:
     """Keeps `simloop.planners.protocol.Planner`; its state between calls is scratch only."""
 
     name = "tlbo"
-    summary = "the lead planner: routes, then TLBO of the lines of the path"
 
     def __init__(self, config: PlannerConfig, vehicle: VehicleConfig) -> None:
         self._config = config

@@ -7,19 +7,52 @@ from functools import partial
 from typing import Any
 
 _CLASSES = {
-    "tlbo": "simloop.tlbo_planner:TlboPlanner",
-    "tlbo_paper": "simloop.planners.rule_tlbo:TlboPaper",
-    "tlbo_elitist": "simloop.planners.rule_tlbo:TlboElitist",
-    "niwtlbo": "simloop.planners.rule_tlbo:Niwtlbo",
-    "ga": "simloop.planners.rule_genetic:GeneticAlgorithm",
-    "pso": "simloop.planners.rule_swarm:ParticleSwarm",
-    "ga_pso": "simloop.planners.rule_genetic:GaPso",
-    "abc": "simloop.planners.rule_evolution:BeeColony",
-    "de": "simloop.planners.rule_evolution:DifferentialEvolution",
-    "avoa": "simloop.planners.rule_avoa:AfricanVultures",
-    "apso": "simloop.planners.rule_swarm:AdaptiveSwarm",
+    "tlbo": (
+        "simloop.tlbo_planner:TlboPlanner",
+        "the lead planner: routes, then TLBO of the lines of the path",
+    ),
+    "tlbo_paper": (
+        "simloop.planners.rule_tlbo:TlboPaper",
+        "TLBO exactly as the 2022 papers print it, defects included",
+    ),
+    "tlbo_elitist": (
+        "simloop.planners.rule_tlbo:TlboElitist",
+        "elitist TLBO (Rao & Patel 2012): elites kept, duplicates mutated",
+    ),
+    "niwtlbo": (
+        "simloop.planners.rule_tlbo:Niwtlbo",
+        "nonlinear inertia weighted TLBO on cross lines (Wu 2016)",
+    ),
+    "ga": (
+        "simloop.planners.rule_genetic:GeneticAlgorithm",
+        "genetic algorithm: tournament, SBX, polynomial mutation, (mu + mu)",
+    ),
+    "pso": (
+        "simloop.planners.rule_swarm:ParticleSwarm",
+        "particle swarm, global best (Clerc & Kennedy 2002)",
+    ),
+    "ga_pso": (
+        "simloop.planners.rule_genetic:GaPso",
+        "hybrid GA-PSO (Juang 2004): the better half flies, the rest is bred from it",
+    ),
+    "abc": (
+        "simloop.planners.rule_evolution:BeeColony",
+        "artificial bee colony (Karaboga & Basturk 2007)",
+    ),
+    "de": (
+        "simloop.planners.rule_evolution:DifferentialEvolution",
+        "differential evolution, DE/rand/1/bin (Storn & Price 1997)",
+    ),
+    "avoa": (
+        "simloop.planners.rule_avoa:AfricanVultures",
+        "African vultures optimisation (Abdollahzadeh et al. 2021)",
+    ),
+    "apso": (
+        "simloop.planners.rule_swarm:AdaptiveSwarm",
+        "adaptive particle swarm (Zhan et al. 2009)",
+    ),
 }
-"""Name -> module:class, of a planner or of an update rule (`simloop.planners.population.Rule`)."""
+"""Name -> module:class, of a planner or an update rule (`population.Rule`), and what it is."""
 
 
 def available() -> tuple[str, ...]:
@@ -29,7 +62,7 @@ def available() -> tuple[str, ...]:
 
 def load(name: str) -> Any:
     """The class behind a name, imported only now. Raises KeyError for an unknown name."""
-    module, _, attribute = _CLASSES[name].partition(":")
+    module, _, attribute = _CLASSES[name][0].partition(":")
     return getattr(importlib.import_module(module), attribute)
 
 
@@ -58,4 +91,4 @@ def check_options(name: str, options: dict[str, Any]) -> None:
 
 def summary(name: str) -> str:
     """One line about a planner."""
-    return str(getattr(load(name), "summary", ""))
+    return _CLASSES[name][1]

@@ -2,13 +2,13 @@
 
 How a rule plugs in
 -------------------
-Subclass `Rule`; give it a ``name``, a one-line ``summary``, ``Options`` (a frozen dataclass of its
-parameters with their usual values) and ``generation(population)``. That method calls one compiled
-kernel of the rule's own, which reads ``population.x`` (n, d) and ``population.cost`` (n,) and
-writes ``population.candidate`` (n, d); then it calls ``population.offer()`` (greedy: each candidate
+Subclass `Rule`; give it a ``name``, ``Options`` (a frozen dataclass of its parameters with their
+usual values) and ``generation(population)``. That method calls one compiled kernel of the rule's
+own, which reads ``population.x`` (n, d) and ``population.cost`` (n,) and writes
+``population.candidate`` (n, d); then it calls ``population.offer()`` (greedy: each candidate
 replaces its own parent if better) or ``population.replace()`` (generational). All else is done
 here and by `simloop.planners.population_planner`: drawing, bounds, evaluating, budget, history.
-Add the rule's name to ``simloop/planners/__init__.py``, and it can be run by that name.
+Add the rule's name and a line about it to ``simloop/planners/__init__.py``.
 
 The budget counts evaluations of a whole candidate and is never exceeded; what it no longer covers
 costs infinity. All chance comes from ``population.state`` (`simloop.planners.splitmix`).
@@ -197,7 +197,6 @@ class Rule:
     """Base of the update rules; a new one is made for each plan, so it may keep memory."""
 
     name: ClassVar[str] = ""
-    summary: ClassVar[str] = ""
     Options: ClassVar[Any] = NoOptions
     coding: ClassVar[str] = "box"
     """How a vector becomes a path, see `simloop.planners.codings`."""

@@ -84,7 +84,6 @@ class AfricanVultures(Rule):
     """Every vulture moves whether that is better or not; the two best ever seen lead."""
 
     name = "avoa"
-    summary = "African vultures optimisation (Abdollahzadeh et al. 2021)"
     Options = AvoaOptions
     scheduled = True
     invariant = ()

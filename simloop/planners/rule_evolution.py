@@ -1,4 +1,4 @@
-"""Differential evolution (Storn & Price 1997) and artificial bee colony (Karaboga, Basturk 2007)."""
+"""Differential evolution (Storn, Price 1997), artificial bee colony (Karaboga, Basturk 2007)."""
 
 from __future__ import annotations
 
@@ -42,7 +42,6 @@ class DifferentialEvolution(Rule):
     """DE/rand/1/bin."""
 
     name = "de"
-    summary = "differential evolution, DE/rand/1/bin (Storn & Price 1997)"
     Options = DeOptions
 
     def generation(self, population: Population) -> None:
@@ -109,7 +108,6 @@ class BeeColony(Rule):
     """Employed bees, onlookers, and one scout at most a generation."""
 
     name = "abc"
-    summary = "artificial bee colony (Karaboga & Basturk 2007)"
     Options = AbcOptions
     evaluations = 2.0
 

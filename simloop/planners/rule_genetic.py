@@ -111,7 +111,6 @@ class GeneticAlgorithm(Rule):
     children live on."""
 
     name = "ga"
-    summary = "genetic algorithm: tournament, SBX, polynomial mutation, (mu + mu)"
     Options = GaOptions
 
     def generation(self, population: Population) -> None:
@@ -143,7 +142,6 @@ class GaPso(Rule):
     """Juang 2004: the better half flies as a swarm does, the other half is bred from it."""
 
     name = "ga_pso"
-    summary = "hybrid GA-PSO (Juang 2004): the better half flies, the rest is bred from it"
     Options = GaPsoOptions
 
     def begin(self, population: Population) -> None:

@@ -59,7 +59,6 @@ class ParticleSwarm(Rule):
     """Global-best swarm; velocities begin at zero."""
 
     name = "pso"
-    summary = "particle swarm, global best (Clerc & Kennedy 2002)"
     Options: ClassVar[Any] = PsoOptions
 
     def begin(self, population: Population) -> None:
@@ -137,7 +136,6 @@ class AdaptiveSwarm(ParticleSwarm):
     """The swarm's figures follow its state; in convergence the best tries a jump (Zhan 2009)."""
 
     name = "apso"
-    summary = "adaptive particle swarm (Zhan et al. 2009)"
     Options: ClassVar[Any] = ApsoOptions
     scheduled = True
 

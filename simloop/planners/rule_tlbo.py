@@ -70,7 +70,6 @@ class TlboPaper(Rule):
     """
 
     name = "tlbo_paper"
-    summary = "TLBO exactly as the 2022 papers print it, defects included"
     faithful = True
     evaluations = 2.0
     invariant = ()
@@ -94,7 +93,6 @@ class TlboElitist(Rule):
     """Rao & Patel 2012: the worst are replaced by the last generation's elite, twins mutated."""
 
     name = "tlbo_elitist"
-    summary = "elitist TLBO (Rao & Patel 2012): elites kept, duplicates mutated"
     Options = ElitistOptions
     evaluations = 2.0
     invariant = ()
@@ -124,7 +122,6 @@ class Niwtlbo(Rule):
     """Wu 2016, Eqs. 2-7: nonlinear inertia weight, dynamic factor in [1/2, 1], twins mutated."""
 
     name = "niwtlbo"
-    summary = "nonlinear inertia weighted TLBO on cross lines (Wu 2016)"
     Options = NiwOptions
     coding = "crosslines"
     evaluations = 2.0
