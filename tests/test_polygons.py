@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
-from simloop.planners.clearance import make_problem, polygon_clearance
+from simloop.planners.clearance import make_problem
+from simloop.planners.polygons import polygon_clearance
 from simloop.planners.scenes import disc_world
 
 EMPTY = disc_world(np.zeros((0, 3)), (0.0, 0.0, 5.0, 5.0))
@@ -43,7 +44,8 @@ def test_a_segments_clearance_is_that_of_its_worst_sample(seed, clockwise):
     a, b = rng.uniform(0.0, 5.0, (2, 2))
     points = a + np.linspace(0.0, 1.0, 4001)[:, None] * (b - a)
     truth = min(signed(polygon, points).min() for polygon in polygons)
-    found = polygon_clearance(problem(*given_as), *a, *b)
+    p = problem(*given_as)
+    found = polygon_clearance(p.poly_x, p.poly_y, p.poly_end, *a, *b)
     assert truth - 1e-3 < found <= truth + 1e-9
 
 
