@@ -13,7 +13,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from simloop.messages import FloatArray, WorldView
-from simloop.planners.polygons import FREE_M, flatten_polygons, polygon_clearance
+from simloop.planners.cells import FREE_M, cell_at, lens_bound
+from simloop.planners.polygons import flatten_polygons, polygon_clearance
 
 TOLERANCE_M = 1e-6
 """What rounding may take from a clearance that counts as safe, m."""
@@ -188,21 +189,6 @@ def relaxed_clearance(p: Problem, x: float, y: float) -> float:
     return point_clearance(p, x, y) + _allowance(p, x, y)
 
 
-@njit(cache=True, forceinline=True)
-def _lens(a: float, b: float, s: float) -> float:
-    """Least possible clearance on a segment of length s whose ends have clearances a and b.
-
-    The two discs about the ends hold no obstacle, so the nearest possible one sits where their
-    circles meet; its height over the segment is the bound.
-    """
-    if a + b <= s:
-        return 0.0
-    h = (a * a - b * b + s * s) / (2.0 * s)
-    if h <= 0.0 or h >= s:
-        return min(a, b)
-    return math.sqrt(max(0.0, a * a - h * h))
-
-
 @njit(cache=True)
 def _walk_cells(
     p: Problem, ax: float, ay: float, ux: float, uy: float, first: float, last: float
@@ -220,8 +206,8 @@ def _walk_cells(
     while True:
         u = (ax + ux * t - p.field_x) * p.per_m
         v = (ay + uy * t - p.field_y) * p.per_m
-        i, u_step, u_exit = _cell(u, du, cols)
-        j, v_step, v_exit = _cell(v, dv, rows)
+        i, u_step, u_exit = cell_at(u, du, cols)
+        j, v_step, v_exit = cell_at(v, dv, rows)
         step = min(last - t, u_exit, v_exit)
         i1 = min(i + 1, cols - 1)
         j1 = min(j + 1, rows - 1)
@@ -248,24 +234,6 @@ def _walk_cells(
             return worst
 
 
-@njit(cache=True, forceinline=True)
-def _cell(u: float, du: float, count: int) -> tuple[int, float, float]:
-    """Index of the cell at u that a step of sign du enters, du as the field sees it (0 outside
-    the grid, where the field is constant), and how far it is to the cell's edge."""
-    edge = 1e-12 if du > 0.0 else -1e-12
-    at = u + edge
-    if at < 0.0:
-        return 0, 0.0, (-u / du if du > 0.0 else FREE_M)
-    if at >= count - 1.0:
-        return max(count - 2, 0), 0.0, ((count - 1.0 - u) / du if du < 0.0 else FREE_M)
-    i = int(at)
-    if du > 0.0:
-        return i, du, (i + 1.0 - u) / du
-    if du < 0.0:
-        return i, du, (i - u) / du
-    return i, 0.0, FREE_M
-
-
 @njit(cache=True)
 def _field_clearance(
     p: Problem,
@@ -279,7 +247,7 @@ def _field_clearance(
 ) -> float:
     """Clearance of a segment in the field where it falls below ``need``; else a value above.
 
-    Bisects until `_lens` proves each piece clear or the piece is so short that `_walk_cells`
+    Bisects until `lens_bound` proves each piece clear or the piece is so short that `_walk_cells`
     settles it. Returns as soon as something below ``floor`` is found.
     """
     length = math.hypot(bx - ax, by - ay)
@@ -297,7 +265,7 @@ def _field_clearance(
     top = 0
     end = length
     while True:
-        bound = _lens(fa - p.overstated_m, fb - p.overstated_m, end - t) + min(ga, gb)
+        bound = lens_bound(fa - p.overstated_m, fb - p.overstated_m, end - t) + min(ga, gb)
         if bound >= need or end - t <= shortest or top == STACK - 1:
             if bound < need:
                 worst = min(worst, _walk_cells(p, ax, ay, ux, uy, t, end))
@@ -338,7 +306,8 @@ def _disc_clearance(p: Problem, ax: float, ay: float, bx: float, by: float) -> f
         if apart < reach * reach:  # rare, so that the root is, too
             clearance = min(clearance, math.sqrt(apart) - disc_r[k])
     if p.poly_end.size > 0:
-        clearance = min(clearance, polygon_clearance(p.poly_x, p.poly_y, p.poly_end, ax, ay, bx, by))
+        among = polygon_clearance(p.poly_x, p.poly_y, p.poly_end, ax, ay, bx, by)
+        clearance = min(clearance, among)
     return clearance
 
 

@@ -10,9 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from simloop.messages import FloatArray
-
-FREE_M = 1e3
-"""Clearance reported where the world holds nothing, m."""
+from simloop.planners.cells import FREE_M
 
 
 def flatten_polygons(
