@@ -51,6 +51,14 @@ _CLASSES = {
         "simloop.planners.rule_swarm:AdaptiveSwarm",
         "adaptive particle swarm (Zhan et al. 2009)",
     ),
+    "potential_field": (
+        "simloop.planners.potential_field:PotentialField",
+        "the plain artificial potential field, local minima included",
+    ),
+    "ga_apf": (
+        "simloop.planners.ga_apf:GaApf",
+        "potential field deformed by a genetic algorithm (Mohamed 2012)",
+    ),
 }
 """Name -> module:class, of a planner or an update rule (`population.Rule`), and what it is."""
 
