@@ -20,7 +20,7 @@ Filled in, for the text leaves it open:
 - The adjacent distance is twice the largest radius; a path that leaves that strip is not valid.
   Where no valid path is found it is doubled (the text: "twice (or more)"), up to three times.
 - Radii are grown by the safe distance. Among polygons and in a distance field the nearest surface
-  repels; frontal obstacles are the view's discs.
+  repels; frontal obstacles are the view's discs, or circles about the field's.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from numba import njit
 
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray, Plan, WorldView
+from simloop.obstacle_discs import discs_of
 from simloop.planners.clearance import Problem
 from simloop.planners.rollout import (
     Walk,
@@ -53,6 +54,7 @@ STEP_SHARE = 0.5
 MU = 10.0
 _MOST_OF_GAP = 0.9
 _MOST_STEPS = 4000
+_STILL_STEPS = 64  # who comes nowhere in so many steps stays where the forces cancel
 _TOLERANCE = 1e-4
 _WIDENINGS = 3
 _UNITS = 100.0
@@ -137,6 +139,10 @@ def roll_out(f: Field, genes: FloatArray, path: FloatArray) -> tuple[int, float,
         if across > f.strip or not inside_bounds(p, x, y):
             return n, length, False
         path[n, 0], path[n, 1] = x, y
+        if n % _STILL_STEPS == 0:
+            back = path[n - _STILL_STEPS]
+            if math.hypot(x - back[0], y - back[1]) < math.sqrt(f.epsilon):
+                return n + 1, length, False
     return path.shape[0], length, False
 
 
@@ -241,7 +247,7 @@ class GaApf:
     ) -> Plan:
         """As the protocol says; ``previous`` is not used."""
         problem = problem_of(self._config, self._overhang, world, start, goal)
-        discs = np.asarray(world.discs_xyr_m, dtype=np.float64).reshape(-1, 3)
+        discs = _discs(world)
         state = make_state(rng)
 
         def walk(p: Problem, attempt: int) -> Walk:
@@ -286,6 +292,14 @@ class GaApf:
             if walk.reached and lack_of(p, walk.path) == 0.0:
                 return walk._replace(candidates=shown)
         return walks[0]._replace(candidates=shown)
+
+
+def _discs(world: WorldView) -> FloatArray:
+    """The view's discs (K, 3); where it has a distance field alone, circles about what it holds."""
+    discs = np.asarray(world.discs_xyr_m, dtype=np.float64).reshape(-1, 3)
+    if len(discs) or not world.distance_m.size:
+        return discs
+    return discs_of(world.distance_m <= 0.0, world.origin_m, world.resolution_m)
 
 
 def _among(p: Problem, discs: FloatArray, keep: np.ndarray) -> Problem:
