@@ -59,6 +59,22 @@ _CLASSES = {
         "simloop.planners.ga_apf:GaApf",
         "potential field deformed by a genetic algorithm (Mohamed 2012)",
     ),
+    "wdo": (
+        "simloop.planners.rule_wdo:WindDriven",
+        "wind driven optimisation (Bayraktar et al. 2013)",
+    ),
+    "avoa_online": (
+        "simloop.planners.avoa_online:AvoaOnline",
+        "step by step from what is sensed, each heading by AVOA (Abed 2022)",
+    ),
+    "apso_online": (
+        "simloop.planners.avoa_online:ApsoOnline",
+        "the same, each heading by the adaptive swarm",
+    ),
+    "fuzzy_wdo": (
+        "simloop.planners.avoa_online:FuzzyWdo",
+        "the same by a fuzzy controller, tuned by wind driven optimisation",
+    ),
 }
 """Name -> module:class, of a planner or an update rule (`population.Rule`), and what it is."""
 

@@ -21,8 +21,7 @@ from simloop.planners.sensing import BEAMS, Look, cast, scan
 from simloop.planners.splitmix import make_state
 from simloop.planners.walker import Steering, Walker
 
-MARGIN = 1.03
-"""What a walker keeps, in safe distances: rays leave gaps, and a path is thinned."""
+_MARGIN_SHARE, _MARGIN_CELLS = 1.03, 0.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,7 +97,7 @@ class Trajectory:
 
 
 @dataclass(slots=True)
-class _Senses:
+class Senses:
     """Casts rays, and remembers where movers were seen last."""
 
     problem: Problem
@@ -132,6 +131,13 @@ class _Senses:
         return np.array(rows).reshape(-1, 5)
 
 
+def kept(p: Problem) -> float:
+    """What a walker keeps from what it senses, m: a little over the safe distance, for rays leave
+    gaps, a path is thinned, and a field's surfaces are known to a fifth of a cell."""
+    grain = _MARGIN_CELLS / p.per_m if p.field.size else 0.0
+    return _MARGIN_SHARE * p.safe_m + grain
+
+
 def box_of(problem: Problem) -> FloatArray:
     """(4,) the bounds, as wide as start and goal need."""
     x = sorted((problem.start_x, problem.goal_x))
@@ -147,8 +153,8 @@ def simulate(world: OnlineWorld, steering: Steering, rng: np.random.Generator) -
     or not) or its steps are over."""
     goal = world.goal.at(0)
     problem = make_problem(world.fixed, world.start, goal, safe_m=world.safe_m)
-    box, safe_m = box_of(problem), MARGIN * world.safe_m
-    senses = _Senses(problem, world.reach_m, box, safe_m)
+    box, safe_m = box_of(problem), kept(problem)
+    senses = Senses(problem, world.reach_m, box, safe_m)
     heading = math.atan2(goal[1] - world.start[1], goal[0] - world.start[0])
     walker = Walker(steering, make_state(rng), heading)
     here = np.array(world.start[:2], dtype=np.float64)

@@ -22,8 +22,9 @@ from simloop.planners.clearance import (
 )
 from simloop.planners.objective import intrusion, length_and_turning, make_stack
 
-THIN_SHARE = 0.02
-"""How far a thinned path may lie from what was gone: this share of the safe distance."""
+THIN_SHARES = (0.02, 0.005, 0.0)
+"""How far a thinned path may lie from what was gone, in safe distances: the first that costs no
+clearance."""
 _LADDER = (0.0, 0.25, 0.5, 1.0)
 _SLOPE_M = 1e-3
 _CLIMB_CELLS = 0.5
@@ -146,21 +147,20 @@ def plan_by_walking(
     and the whole of it. The first path that is safe and reaches the goal is taken, else the one
     that lacks least; it is ``safe`` only if it reaches the goal.
     """
-    best: tuple[float, Walk, FloatArray, float] | None = None
+    best: tuple[float, Walk, FloatArray] | None = None
     evaluations = 0
     for attempt, share in enumerate(_LADDER if problem.overhang_m > 0.0 else _LADDER[:1]):
         done = walk(grown(problem, share * problem.overhang_m), attempt)
         evaluations += done.evaluations
-        path = _ended(problem, done)
-        lack = lack_of(problem, path)
+        path, lack = _ended(problem, done)
         left = math.hypot(problem.goal_x - path[-1, 0], problem.goal_y - path[-1, 1])
         badness = lack + (0.0 if done.reached else left)
         if best is None or badness < best[0]:
-            best = badness, done, path, lack
+            best = badness, done, path
         if badness == 0.0:
             break
     assert best is not None
-    badness, done, path, lack = best
+    badness, done, path = best
     length, turning = length_and_turning(path, len(path))
     cost = problem.length_weight * length + problem.turning_weight * turning
     return Plan(
@@ -178,11 +178,17 @@ def plan_by_walking(
     )
 
 
-def _ended(p: Problem, done: Walk) -> FloatArray:
-    """The thinned path, with two points at least, and exactly at the goal where it got there."""
-    path = thin(np.ascontiguousarray(done.path), THIN_SHARE * p.safe_m)
-    if len(path) == 1:
-        path = np.vstack([path, path])
-    if done.reached:
-        path[-1] = p.goal_x, p.goal_y
-    return path
+def _ended(p: Problem, done: Walk) -> tuple[FloatArray, float]:
+    """The thinned path, with two points at least, and exactly at the goal where it got there; and
+    what clearance it lacks, m."""
+    path, lack = done.path, np.inf
+    for share in THIN_SHARES:
+        path = thin(np.ascontiguousarray(done.path), share * p.safe_m)
+        if len(path) == 1:
+            path = np.vstack([path, path])
+        if done.reached:
+            path[-1] = p.goal_x, p.goal_y
+        lack = lack_of(p, path)
+        if lack == 0.0:
+            break
+    return path, lack

@@ -14,9 +14,10 @@ from numba import njit
 
 from simloop.messages import FloatArray
 from simloop.planners.clearance import Problem, point_clearance
+from simloop.planners.rollout import surface
 
 BEAMS = 360
-_TOUCH_CELLS = 0.05
+_TOUCH_CELLS = 0.6  # nearer than this a field is not what its obstacles' surfaces are
 _LEAST_STEP_CELLS = 0.25
 _AHEAD_STEPS = 8
 
@@ -84,6 +85,14 @@ def cast(p: Problem, x: float, y: float, ux: float, uy: float, reach: float) -> 
 
 
 @njit(cache=True)
+def _foot(p: Problem, x: float, y: float) -> tuple[float, float]:
+    """The point of a field's nearest surface, seen from close by."""
+    gap, ux, uy = surface(p, x, y)
+    gap += p.safe_m
+    return x - gap * ux, y - gap * uy
+
+
+@njit(cache=True)
 def to_edge(box: FloatArray, x: float, y: float, ux: float, uy: float) -> float:
     """How far it is from a point along a unit vector to the edge of a box, m; 0 outside."""
     least = np.inf
@@ -106,9 +115,12 @@ def scan(
     for k in range(BEAMS):
         angle = 2.0 * math.pi * k / BEAMS
         ux, uy = math.cos(angle), math.sin(angle)
-        t = min(cast(p, x, y, ux, uy, reach), to_edge(walls, x, y, ux, uy))
-        if t < reach:
-            out[count, 0], out[count, 1] = x + t * ux, y + t * uy
+        t, edge = cast(p, x, y, ux, uy, reach), to_edge(walls, x, y, ux, uy)
+        met_x, met_y = x + min(t, edge) * ux, y + min(t, edge) * uy
+        if p.field.size > 0 and t < min(edge, reach):
+            met_x, met_y = _foot(p, met_x, met_y)
+        if min(t, edge) < reach:
+            out[count, 0], out[count, 1] = met_x, met_y
             count += 1
     return count
 

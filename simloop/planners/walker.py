@@ -68,7 +68,9 @@ class Walker:
         if not self._side:
             there = self._go(look)
             waits = np.array_equal(there, here)
+            ahead = free_range(look, look.x, look.y, math.cos(bearing), math.sin(bearing))
             stopped = math.dist(there, goal) > left - _NEARER_SHARE * look.step
+            stopped = stopped and ahead < min(left, _AHEAD_STEPS * look.step)
             if not stopped or (waits and threat(look, 0.0, 0.0) > 0.0):
                 return there
             self._side = easier_side(look, bearing, min(_OPEN_STEPS * look.step, look.reach))
