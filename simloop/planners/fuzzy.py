@@ -37,13 +37,13 @@ from simloop.planners.steering import AGENTS, CLEAR, ITERATIONS, NEAR_GOAL, STRA
 from simloop.planners.walker import BLOCKED
 
 ROLL_STEPS = 6
-RETUNE_STEPS = 4
+RETUNE_STEPS = 2
 _SECTOR_RAYS = 5
 _HALF_SECTOR_RAD = 0.5
 _SECTORS_RAD = (1.1, 0.0, -1.1)
 # front near, front far (in steps); sides near, far; bearing of a side, rad; small and hard turn, rad
 _LOW = np.array([1.0, 3.0, 1.0, 2.0, 0.2, 0.1, 0.5])
-_HIGH = np.array([3.0, 12.0, 2.0, 6.0, 1.2, 0.6, 2.0])
+_HIGH = np.array([3.0, 12.0, 2.0, 6.0, 1.2, 1.5, 2.5])
 
 
 @njit(cache=True)
