@@ -134,53 +134,60 @@ def _whole_curve_costs(
 
 
 @njit(cache=True)
-def waypoint_penalty(p: Problem, path: FloatArray, m: int) -> float:
-    """Sum of R, Eq. 17, over the inner waypoints and obstacles: 1/d - 1/delta. A distance field has
-    no centres: there d is the clearance and delta the safe distance."""
+def examined_penalty(p: Problem, path: FloatArray, m: int, examined: int) -> float:
+    """Sum of R, Eq. 17, one a obstacle as Eq. 16 has it: 1/d - 1/delta, d to the nearest of the
+    inner waypoints and of ``examined`` points within each segment. A distance field has no centres:
+    there d is the least clearance and delta the safe distance."""
+    in_field = p.field.size > 0
     total = 0.0
-    for i in range(1, m - 1):
-        if p.field.size > 0:
-            d = max(point_clearance(p, path[i, 0], path[i, 1]), _NEAREST_M)
-            if d < p.safe_m:
-                total += 1.0 / d - 1.0 / p.safe_m
-            continue
-        for k in range(p.disc_x.size):
-            delta = p.disc_r[k] + p.safe_m
-            d = math.hypot(path[i, 0] - p.disc_x[k], path[i, 1] - p.disc_y[k])
-            if d < delta:
-                total += 1.0 / max(d, _NEAREST_M) - 1.0 / delta
+    for k in range(1 if in_field else p.disc_x.size):
+        delta = p.safe_m if in_field else p.disc_r[k] + p.safe_m
+        d = np.inf
+        for i in range(m - 1):
+            for n in range(examined + 1):
+                if i == 0 and n == 0:
+                    continue
+                t = n / (examined + 1)
+                x = path[i, 0] + t * (path[i + 1, 0] - path[i, 0])
+                y = path[i, 1] + t * (path[i + 1, 1] - path[i, 1])
+                if in_field:
+                    d = min(d, point_clearance(p, x, y))
+                else:
+                    d = min(d, math.hypot(x - p.disc_x[k], y - p.disc_y[k]))
+        if d < delta:
+            total += 1.0 / max(d, _NEAREST_M) - 1.0 / delta
     return total
 
 
 @njit(cache=True)
-def _waypoint_costs(
-    p: Problem, coding: Coding, x: FloatArray, out: FloatArray, path: FloatArray
+def _examined_costs(
+    p: Problem, coding: Coding, x: FloatArray, out: FloatArray, examined: int, path: FloatArray
 ) -> None:
     for k in range(x.shape[0]):
         p.trials[0] += 1
         m = decode(p, coding, x[k], path)
         length, turning = length_and_turning(path, m)
         out[k] = p.length_weight * length + p.turning_weight * turning
-        out[k] += p.penalty * waypoint_penalty(p, path, m)
+        out[k] += p.penalty * examined_penalty(p, path, m, examined)
 
 
 class PathObjective:
-    """An `Objective` over coded paths. ``waypoints_only``: clearance as printed in 2022."""
+    """An `Objective` over coded paths. examined: where the clearance is not that of the whole curve,
+    at how many points within each segment it is looked at besides the waypoints."""
 
-    def __init__(self, problem: Problem, coding: Coding, *, waypoints_only: bool = False) -> None:
+    def __init__(self, problem: Problem, coding: Coding, examined: int | None = None) -> None:
         self.problem, self.coding = problem, coding
         self.low, self.high = coding.low, coding.high
-        self._waypoints_only = waypoints_only
+        self._examined = examined
         self._path, self._stack = np.zeros((coding.points + 2, 2)), make_stack()
 
     def costs(self, x: FloatArray, out: FloatArray, bounds: FloatArray) -> None:
         """As `Objective.costs`."""
-        if self._waypoints_only:
-            _waypoint_costs(self.problem, self.coding, x, out, self._path)
+        p, coding, path = self.problem, self.coding, self._path
+        if self._examined is None:
+            _whole_curve_costs(p, coding, x, out, bounds, path, self._stack)
         else:
-            _whole_curve_costs(
-                self.problem, self.coding, x, out, bounds, self._path, self._stack
-            )
+            _examined_costs(p, coding, x, out, self._examined, path)
 
     def path(self, x: FloatArray) -> FloatArray:
         """The waypoints (points + 2, 2) of a vector."""

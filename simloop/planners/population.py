@@ -200,8 +200,10 @@ class Rule:
     Options: ClassVar[Any] = NoOptions
     coding: ClassVar[str] = "box"
     """How a vector becomes a path, see `simloop.planners.codings`."""
-    faithful: ClassVar[bool] = False
-    """Whether clearance is looked at as the 2022 papers print it: at the waypoints only."""
+    points: ClassVar[int] = 8
+    """Inner waypoints of a path."""
+    seeding: ClassVar[str] = "seeded"
+    """Where the first population comes from, see `simloop.planners.population_planner.Setup`."""
     evaluations: ClassVar[float] = 1.0
     """Evaluations an individual a generation."""
     scheduled: ClassVar[bool] = False
@@ -212,6 +214,11 @@ class Rule:
 
     def __init__(self, options: Any = None) -> None:
         self.options = self.Options() if options is None else options
+
+    @property
+    def examined(self) -> int | None:
+        """At how many points within a segment clearance is looked at; None: all along the curve."""
+        return None
 
     def begin(self, population: Population) -> None:
         """Called once, with the first population evaluated."""

@@ -27,12 +27,11 @@ _HERE_M = 1e-6
 class Setup:
     """What every rule's planner understands of ``[planner.options]``.
 
-    points: inner waypoints (Wu 2016: 14 on cross lines). coding: empty for the rule's own.
-    seeding: ``seeded`` (routes and bends) or ``uniform`` (as the papers print); empty: uniform
-    for the faithful rules, else seeded.
+    points: inner waypoints. coding: see `simloop.planners.codings`. seeding: ``seeded`` (routes and
+    bends) or ``uniform`` (as the papers print). 0 or empty: the rule's own.
     """
 
-    points: int = 8
+    points: int = 0
     coding: str = ""
     seeding: str = ""
 
@@ -56,8 +55,8 @@ def read_options(rule: type[Rule], given: dict[str, Any]) -> tuple[Setup, Any]:
         value = getattr(setup, key)
         if value and value not in names:
             raise ValueError(f"option {key}: '{value}' is none of {', '.join(names)}")
-    if not 1 <= setup.points <= 100:
-        raise ValueError(f"option points: must be between 1 and 100, not {setup.points}")
+    if not 0 <= setup.points <= 100:
+        raise ValueError(f"option points: must be between 0 and 100, not {setup.points}")
     return setup, rule.Options(**{k: v for k, v in given.items() if k not in own})
 
 
@@ -118,20 +117,18 @@ class PopulationPlanner:
     def _search(
         self, problem: Problem, rng: np.random.Generator
     ) -> tuple[Population, PathObjective, int]:
-        config, setup, rule = self._config, self._setup, self._rule
-        coding = make_coding(problem, setup.coding or rule.coding, setup.points)
-        objective = PathObjective(problem, coding, waypoints_only=rule.faithful)
+        config, setup, rule = self._config, self._setup, self._rule(self._options)
+        coding = make_coding(problem, setup.coding or rule.coding, setup.points or rule.points)
+        objective = PathObjective(problem, coding, rule.examined)
         state = make_state(rng)
         population = Population(
             objective, config.learners, config.max_evaluations, state, reflect=rule.reflect
         )
         first = None
-        if (setup.seeding or ("uniform" if rule.faithful else "seeded")) == "seeded":
+        if (setup.seeding or rule.seeding) == "seeded":
             first = seeded(problem, coding, config.learners, state)
             # What the routes took is part of the account, but leaves room for one population.
             most = max(0, config.max_evaluations - config.learners)
             population.spent = min(int(problem.trials[0]), most)
-        generations = minimise(
-            rule(self._options), population, first, idle=config.idle_generations
-        )
+        generations = minimise(rule, population, first, idle=config.idle_generations)
         return population, objective, generations

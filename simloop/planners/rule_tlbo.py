@@ -61,18 +61,34 @@ def learn(
             candidate[k, j] = weight * x[k, j] + side * r * (x[k, j] - x[q, j])
 
 
-class TlboPaper(Rule):
-    """Exactly as Sabiha 2022 prints it, its defects included.
+@dataclass(frozen=True, slots=True)
+class PaperOptions:
+    """examined: points within each segment at which the distance d_j "during the vehicle motion" is
+    looked at besides the waypoints; 0: at the waypoints alone, as the index of Eq. 8 says, and most
+    paths then cut through obstacles, which those of the papers' figures do not."""
 
-    Clearance at the waypoints only (Eq. 8); points beyond the box are clipped to its wall (Eq.
-    26), where many coincide and hide their turning; the teacher's step depends on where the origin
-    is (Eq. 21 with T_f = 2); two evaluations a learner a generation.
+    examined: int = 30
+
+
+class TlboPaper(Rule):
+    """As Sabiha 2022 prints it, its defects included.
+
+    Clearance at some points only, one term an obstacle (Eqs. 8, 16), blind between them; points
+    beyond the box are clipped to its wall (Eq. 26), where many coincide and hide their turning; the
+    teacher's step depends on where the origin is (Eq. 21 with T_f = 2); two evaluations a learner a
+    generation. M is not given: six points, of which four are sought.
     """
 
     name = "tlbo_paper"
-    faithful = True
+    Options = PaperOptions
+    points = 4
+    seeding = "uniform"
     evaluations = 2.0
     invariant = ()
+
+    @property
+    def examined(self) -> int:
+        return int(self.options.examined)
 
     def generation(self, population: Population) -> None:
         p = population
@@ -124,6 +140,7 @@ class Niwtlbo(Rule):
     name = "niwtlbo"
     Options = NiwOptions
     coding = "crosslines"
+    points = 14
     evaluations = 2.0
     scheduled = True
     invariant = ("shift", "rotate", "mirror", "scale")
