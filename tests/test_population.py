@@ -103,7 +103,7 @@ def test_every_rule_plans_and_the_account_is_honest(name):
         ({"factr": 0.5}, "unknown option 'factr'.*factor"),
         ({"factor": "high"}, "option factor: must be a number"),
         ({"coding": "spiral"}, "none of box, crosslines"),
-        ({"points": 0}, "points: must be between 1 and 100"),
+        ({"points": 101}, "points: must be between 0 and 100"),
     ],
 )
 def test_options_that_make_no_sense_are_refused_in_one_line(options, said):

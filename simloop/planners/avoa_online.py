@@ -58,8 +58,8 @@ class OnlinePlanner:
         previous: Plan | None = None,
         reason: str = "frame",
     ) -> Plan:
-        """As the protocol says. Where the walk does not get to the goal, the plan ends where it came
-        nearest, and is not safe."""
+        """As the protocol says. Where the walk does not get to the goal, the plan ends where it
+        came nearest, and is not safe."""
         problem = problem_of(self._config, self._overhang, world, start, goal)
         state = make_state(rng)
 
@@ -79,7 +79,8 @@ class OnlinePlanner:
         allowed = _LEAST_STEPS + int(_ALLOWED * left / step_m)
         while left > 0.0 and len(path) <= allowed and waits < _WAITS:
             points = senses.points(*here)
-            look = Look(points, _NO_MOVERS, *here, *goal, safe_m, step_m, reach_m, box)
+            (x, y), (goal_x, goal_y) = here, goal
+            look = Look(points, _NO_MOVERS, x, y, goal_x, goal_y, safe_m, step_m, reach_m, box)
             there = walker.step(look, goal)
             waits = waits + 1 if np.array_equal(there, here) else 0
             here, left = there, math.dist(there, goal)

@@ -172,8 +172,8 @@ def _examined_costs(
 
 
 class PathObjective:
-    """An `Objective` over coded paths. examined: where the clearance is not that of the whole curve,
-    at how many points within each segment it is looked at besides the waypoints."""
+    """An `Objective` over coded paths. examined: where the clearance is not that of the whole
+    curve, at how many points within each segment it is looked at besides the waypoints."""
 
     def __init__(self, problem: Problem, coding: Coding, examined: int | None = None) -> None:
         self.problem, self.coding = problem, coding

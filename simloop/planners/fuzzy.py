@@ -5,13 +5,15 @@ singleton outputs from the distances of obstacles in front, at the left and at t
 WDO (Bayraktar 2013). All else is filled in, and is ours:
 
 - Inputs: the free range in three sectors (each near or far) and the target's bearing (left, ahead,
-  right): 24 rules. Output: a turn, one of five singletons, by the weighted mean of the rules' outputs.
+  right): 24 rules. Output: a turn, one of five singletons, by the weighted mean of the rules'
+  outputs.
 - Rules: where the front is far, turn to the target, less so to a near side; where it is near, turn
   hard to the side that is far, and to the target's if both or neither are.
 - Tuned: where near ends and far begins (front, sides), the bearing that counts as a side, the two
-  sizes of turn. WDO tries controllers by rolling each some steps ahead over what is sensed now, every
-  few steps; the cost is Eq. 5 at the end of the roll and the least clearance on it.
-- The controller's heading is turned to the nearest one that keeps the safe distance for a step.
+  sizes of turn. WDO tries controllers by rolling each some steps ahead over what is sensed now,
+  every few steps; the cost is Eq. 5 at the end of the roll and the least clearance on it.
+- The controller's heading is turned to the nearest one that keeps the safe distance for a step, and
+  from what moves for some; where none does, to the one that does so best.
 """
 
 from __future__ import annotations
@@ -41,7 +43,7 @@ RETUNE_STEPS = 2
 _SECTOR_RAYS = 5
 _HALF_SECTOR_RAD = 0.5
 _SECTORS_RAD = (1.1, 0.0, -1.1)
-# front near, front far (in steps); sides near, far; bearing of a side, rad; small and hard turn, rad
+# front near, far (in steps); sides near, far; bearing of a side, rad; small and hard turn, rad
 _LOW = np.array([1.0, 3.0, 1.0, 2.0, 0.2, 0.1, 0.5])
 _HIGH = np.array([3.0, 12.0, 2.0, 6.0, 1.2, 1.5, 2.5])
 
@@ -124,6 +126,24 @@ def steer(look: Look, x: FloatArray, at_x: float, at_y: float, heading: float) -
 
 
 @njit(cache=True)
+def evade(look: Look, asked: float) -> float:
+    """The heading nearest to ``asked``, rad, that is free for a step and meets nothing that moves;
+    where all would, the one that is least threatened."""
+    least, best = np.inf, asked
+    for k in range(BEAMS // 2):
+        for side in (1.0, -1.0):
+            angle = asked + side * 2.0 * math.pi * k / BEAMS
+            ux, uy = math.cos(angle), math.sin(angle)
+            if free_range(look, look.x, look.y, ux, uy) >= look.step:
+                danger = threat(look, look.step * ux, look.step * uy)
+                if danger < least:
+                    least, best = danger, angle
+                if danger == 0.0:
+                    return angle
+    return best
+
+
+@njit(cache=True)
 def roll_cost(look: Look, x: FloatArray, heading: float) -> float:
     """Eq. 5 of a controller (7,) after `ROLL_STEPS` steps over what is sensed now."""
     at_x, at_y, turned, near = look.x, look.y, 0.0, look.reach
@@ -182,4 +202,5 @@ class FuzzySteering:
             self.evaluations += population.spent
         self._age += 1
         angle = steer(look, self._tuned, look.x, look.y, heading)
-        return angle if math.isfinite(angle) else heading
+        angle = angle if math.isfinite(angle) else heading
+        return evade(look, angle) if len(look.movers) else angle

@@ -12,8 +12,8 @@ Read differently than printed:
   the forces and not the gradients; the step is H x (Eq. 8 + Eq. 14).
 Filled in, for the text leaves it open:
 - epsilon (said to be .001 to .1) is .03, in units of a hundredth of the direct line (their maps are
-  60 to 120 wide); the share is .5, the largest that does not oscillate; no step is longer than .9 d,
-  so that none ends in an obstacle; the last one ends at the goal, if the way there is free.
+  60 to 120 wide); the share is .5, the largest that does not oscillate; no step is longer than .9
+  d, so that none ends in an obstacle; the last one ends at the goal, if the way there is free.
 - mu of Eq. 18 is 10; half of the population is discarded; of the offspring 16 in 17 come from
   crossover, the rest from mutation (the rates are .8 and .05); a chromosome that is alone in its
   length 1 is not crossed. It ends when ``idle_generations`` bring less than 1e-4, or at the budget.

@@ -3,8 +3,8 @@
 Source: Abed 2022, Section 3: unknown fixed obstacles, obstacles that move, a goal that moves. What
 stands fixed is what a `WorldView` can hold (discs, convex polygons, a distance field). Movers are
 discs on a closed polyline, and so is a moving goal; both know nothing of the robot and do not stop
-for it. A mover is sensed where any of it is within reach and no fixed obstacle hides its middle; its
-velocity is what the robot makes of the last two places at which it saw it.
+for it. A mover is sensed where any of it is within reach and no fixed obstacle hides its middle;
+its velocity is what the robot makes of the last two places at which it saw it.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ _MARGIN_SHARE, _MARGIN_CELLS = 1.03, 0.2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
-    """A place that moves to and fro along a polyline (n, 2) at ``speed``, m a step; one point: at rest."""
+    """A place that moves to and fro along a polyline (n, 2), m; speed: m a step. One point: at
+    rest."""
 
     points_m: FloatArray
     speed: float = 0.0
@@ -161,9 +162,10 @@ def simulate(world: OnlineWorld, steering: Steering, rng: np.random.Generator) -
     path, collisions, least, reached = [here], 0, np.inf, False
     for step in range(world.most_steps):
         goal = world.goal.at(step)
+        (x, y), (goal_x, goal_y) = here, goal
         look = Look(
-            senses.points(*here), senses.movers(*here, world.movers, step),
-            *here, *goal, safe_m, world.step_m, world.reach_m, box,
+            senses.points(x, y), senses.movers(x, y, world.movers, step),
+            x, y, goal_x, goal_y, safe_m, world.step_m, world.reach_m, box,
         )  # fmt: skip
         there = walker.step(look, goal)
         clear = _clearance_between(world, problem, here, there, step)

@@ -38,8 +38,20 @@ PAPER_SCENES = (
 ONLINE_SCENES = ("narrow", "local_minimum", "trap", "maze", "moving_obstacles", "moving_goal")
 
 _SAFE_M = 0.3
-_STRIP = ((9.0, 1.0, 3.2), (20.5, -1.6, 3.5), (31.0, 1.4, 3.7), (42.0, -1.0, 3.5), (52.0, 1.6, 3.2))
-_FIVE = ((10.5, 9.0, 2.5), (15.5, 17.0, 3.0), (18.0, 11.5, 2.0), (22.5, 21.0, 2.0), (9.0, 15.5, 1.8))
+_STRIP = (
+    (9.0, 1.0, 3.2),
+    (20.5, -1.6, 3.5),
+    (31.0, 1.4, 3.7),
+    (42.0, -1.0, 3.5),
+    (52.0, 1.6, 3.2),
+)
+_FIVE = (
+    (10.5, 9.0, 2.5),
+    (15.5, 17.0, 3.0),
+    (18.0, 11.5, 2.0),
+    (22.5, 21.0, 2.0),
+    (9.0, 15.5, 1.8),
+)
 _WU_DISCS = ((48.0, 45.0, 12.0), (88.0, 104.0, 13.0), (122.0, 118.0, 10.0), (60.0, 130.0, 14.0))
 _WU_POLYGONS = (
     ((66.0, 60.0), (88.0, 56.0), (92.0, 76.0), (74.0, 84.0)),
@@ -50,6 +62,7 @@ _WU_POLYGONS = (
 )
 _WU_SAFE_M = 2.0
 _ABED_SAFE_M, _ABED_RADIUS_M = 0.6, 0.5
+_ABED_BOUNDS = (-2.0, -2.0, 47.0, 47.0)
 # Boxes x0, y0, x1, y1.
 _NARROW = (
     (8.0, -3.0, 10.0, 19.0),
@@ -91,8 +104,8 @@ _MOHAMED = {
 
 
 def paper_scene(name: str, seed: int = 0) -> Instance:
-    """A fixed scene of `PAPER_SCENES`. seed: of the maps of fifty and 150 obstacles, which are drawn
-    at random. Raises ValueError for an unknown name."""
+    """A fixed scene of `PAPER_SCENES`. seed: of the maps of fifty and 150 obstacles, which are
+    drawn. Raises ValueError for an unknown name."""
     if name == "sabiha4":
         one = scene("S1")[0]
         return Instance(name, one.world, one.start, one.goal, one.safe_m, one.boxes_m)
@@ -109,7 +122,7 @@ def paper_scene(name: str, seed: int = 0) -> Instance:
         return _instance(name, world, (20.0, 20.0), (147.0, 147.0), _WU_SAFE_M)
     if name in ("narrow", "local_minimum", "trap"):
         boxes = {"narrow": _NARROW, "local_minimum": _LOCAL_MINIMUM, "trap": _TRAP}[name]
-        return _walls(name, boxes, (-2.0, -2.0, 47.0, 47.0), (45.0, 45.0))
+        return _walls(name, boxes, _ABED_BOUNDS, (45.0, 45.0))
     if name == "maze":
         return _walls(name, _MAZE, (-2.0, -2.0, 32.0, 22.0), (30.0, 20.0))
     raise ValueError(f"unknown scene {name!r}; choose from {', '.join(PAPER_SCENES)}")
@@ -118,7 +131,7 @@ def paper_scene(name: str, seed: int = 0) -> Instance:
 def online_scene(name: str) -> OnlineWorld:
     """A scene of `ONLINE_SCENES` for `simloop.planners.online.simulate`."""
     if name == "moving_obstacles":
-        fixed = disc_world(np.array([[12.0, 8.0, 2.0], [30.0, 34.0, 2.5]]), (-2.0, -2.0, 47.0, 47.0))
+        fixed = disc_world(np.array([[12.0, 8.0, 2.0], [30.0, 34.0, 2.5]]), _ABED_BOUNDS)
         one = _instance(name, fixed, (0.0, 0.0), (45.0, 45.0), _ABED_SAFE_M)
         movers = (
             Mover(Track(np.array([[10.0, 24.0], [28.0, 12.0]]), 0.3), 1.5),
@@ -126,7 +139,7 @@ def online_scene(name: str) -> OnlineWorld:
         )
         return _online(one, Track(one.goal), movers)
     if name == "moving_goal":
-        fixed = disc_world(np.array([[15.0, 15.0, 3.0], [30.0, 22.0, 3.0]]), (-2.0, -2.0, 47.0, 47.0))
+        fixed = disc_world(np.array([[15.0, 15.0, 3.0], [30.0, 22.0, 3.0]]), _ABED_BOUNDS)
         one = _instance(name, fixed, (0.0, 0.0), (40.0, 20.0), _ABED_SAFE_M)
         return _online(one, Track(np.array([[40.0, 20.0], [40.0, 44.0], [20.0, 44.0]]), 0.25))
     if name in ONLINE_SCENES:
@@ -172,13 +185,15 @@ def _instance(
 def _mohamed(name: str, seed: int) -> Instance:
     """Discs drawn uniformly; one that crowds an end is drawn again."""
     count, side, radii, start, goal, first = _MOHAMED[name]
-    rng, discs = np.random.default_rng(first + seed), []
+    rng = np.random.default_rng(first + seed)
+    discs: list[tuple[float, float, float]] = []
     while len(discs) < count:
         x, y = rng.uniform(0.0, side, 2)
         r = rng.uniform(*radii)
         if min(np.hypot(x - end[0], y - end[1]) for end in (start, goal)) >= r + 2.0 * _SAFE_M:
             discs.append((x, y, r))
-    return _instance(name, disc_world(np.array(discs), (0.0, 0.0, side, side)), start, goal, _SAFE_M)
+    world = disc_world(np.array(discs), (0.0, 0.0, side, side))
+    return _instance(name, world, start, goal, _SAFE_M)
 
 
 def _polygon_world(

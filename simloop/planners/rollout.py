@@ -45,8 +45,8 @@ def surface(p: Problem, x: float, y: float) -> tuple[float, float, float]:
     """Distance from a point to the nearest obstacle grown by the safe distance, and the unit vector
     away from it.
 
-    Negative inside; less is asked for near a start too close. Among discs alone the vector is exact,
-    else it is the distance's slope; 0, 0 where that has none.
+    Negative inside; less is asked for near a start too close. Among discs alone the vector is
+    exact, else it is the distance's slope; 0, 0 where that has none.
     """
     gap = relaxed_clearance(p, x, y) - p.safe_m
     if p.field.size == 0 and p.poly_end.size == 0:
@@ -142,10 +142,10 @@ def plan_by_walking(
 ) -> Plan:
     """Walk, and answer for what came of it.
 
-    walk: called with a problem and the number of the attempt. A point knows nothing of the vehicle's
-    overhang, so where a path lacks clearance because of it, the obstacles are grown by a quarter, a half
-    and the whole of it. The first path that is safe and reaches the goal is taken, else the one
-    that lacks least; it is ``safe`` only if it reaches the goal.
+    walk: called with a problem and the number of the attempt. A point knows nothing of the
+    vehicle's overhang, so where a path lacks clearance because of it, the obstacles are grown by a
+    quarter, a half and the whole of it. The first path that is safe and reaches the goal is taken,
+    else the one that lacks least; it is ``safe`` only if it reaches the goal.
     """
     best: tuple[float, Walk, FloatArray] | None = None
     evaluations = 0

@@ -1,4 +1,4 @@
-"""Wind driven optimisation (Bayraktar, Komurcuoglu, Bossard, Werner 2013): air parcels in a field of
+"""Wind driven optimisation (Bayraktar, Komurcuoglu, Bossard, Werner 2013): parcels in a field of
 pressure, in the box scaled to [-1, 1]."""
 
 from __future__ import annotations

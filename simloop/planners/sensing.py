@@ -1,7 +1,8 @@
 """What a point robot senses around it: where rays meet something, and how far it may go.
 
 A scan is all that the step-by-step planners know of the world: points on surfaces within reach, and
-discs that move. Casting is exact among discs and polygons and by sphere tracing in a distance field.
+discs that move. Casting is exact among discs and polygons and by sphere tracing in a distance
+field.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ def _march(p: Problem, x: float, y: float, ux: float, uy: float, reach: float) -
 
 @njit(cache=True)
 def cast(p: Problem, x: float, y: float, ux: float, uy: float, reach: float) -> float:
-    """Range from a point along a unit vector to the first surface, m; ``reach`` if there is none."""
+    """Range from a point along a unit vector to the first surface, m; ``reach`` for none."""
     if p.field.size > 0:
         return _march(p, x, y, ux, uy, reach)
     least = reach
@@ -109,7 +110,8 @@ def scan(
     p: Problem, x: float, y: float, reach: float, box: FloatArray, safe: float, out: FloatArray
 ) -> int:
     """Cast a full turn of beams, the first along +x; out: (BEAMS, 2) takes the points met. How
-    many. The bounds are a surface too, ``safe`` outside the box that the robot's centre keeps to."""
+    many. The bounds are a surface too, ``safe`` outside the box that the robot's centre keeps to.
+    """
     walls = np.array([box[0] - safe, box[1] - safe, box[2] + safe, box[3] + safe])
     count = 0
     for k in range(BEAMS):

@@ -1,11 +1,11 @@
 """How the step-by-step planners choose a heading: by a metaheuristic over the cost of Abed 2022.
 
 Eq. 5: cost = a1 dRG + a2 / dRO + a3 theta, one number being sought (Table 1: dimension 1, from -5
-to 5, ten agents, ten iterations). Here the number is the turn off the target's bearing, rad, so that
-a turned world gives a turned path. Filled in: the weights, with lengths in steps and clearances in
-safe distances; theta is the turn off the bearing (as printed, Eq. 6 is the bearing itself, which
-nothing can be done about); a step that would end too close, or meet what moves, costs `BLOCKED` more.
-"""
+to 5, ten agents, ten iterations). Here the number is the turn off the target's bearing, rad, so
+that a turned world gives a turned path. Filled in: the weights, with lengths in steps and
+clearances in safe distances; theta is the turn off the bearing (as printed, Eq. 6 is the bearing
+itself, which nothing can be done about); a step that would end too close, or meet what moves, costs
+`BLOCKED` more. """
 
 from __future__ import annotations
 

@@ -1,14 +1,16 @@
 """A point robot that decides one step at a time from what it senses: Abed 2022, Sections 3 and 4.
 
 Each step has the paper's two phases. Sensing: nothing within reach, and the robot goes straight to
-its target; else a steering (AVOA, APSO, fuzzy-WDO) chooses the heading, in `simloop.planners.steering`.
+its target; else a steering (AVOA, APSO, fuzzy-WDO) chooses the heading, see
+`simloop.planners.steering`.
 
 Filled in, for the paper claims to leave local minima but does not say how, and a cost of one step
 alone cannot: where a step no longer brings the robot nearer to the goal, it keeps what blocks it
-at one side (that which turns it least), heading for the end of the surface that it sees, until the goal's
-bearing is free from a place nearer to the goal than where it was stopped (Lumelsky & Stepanov
-1987; Kamon, Rimon & Rivlin 1998). Between two such places it has come nearer, so it never goes round
-for ever. Where every heading is blocked, or something moving would be met, it waits.
+at one side (that which turns it least), heading for the end of the surface that it sees, until the
+goal's bearing is free from a place nearer to the goal than where it was stopped (Lumelsky &
+Stepanov 1987; Kamon, Rimon & Rivlin 1998). A steering may not leave that surface: its heading is
+kept within 0.6 rad of the surface's. Between two such places it has come nearer, so it never goes
+round for ever. Where every heading is blocked, or something moving would be met, it waits.
 """
 
 from __future__ import annotations
@@ -28,6 +30,7 @@ _NEARER_SHARE = 0.1
 _AHEAD_STEPS = 2.0
 _OPEN_STEPS = 4.0
 _LOOP_STEPS = 20
+_LEEWAY_RAD = 0.6
 
 
 class Steering(Protocol):
@@ -101,15 +104,18 @@ class Walker:
         ahead = _AHEAD_STEPS * look.step
         target_x = look.x + ahead * math.cos(angle)
         target_y = look.y + ahead * math.sin(angle)
-        return self._go(look._replace(target_x=target_x, target_y=target_y))
+        return self._go(look._replace(target_x=target_x, target_y=target_y), angle)
 
-    def _go(self, look: Look) -> FloatArray:
-        """One step towards the look's target."""
+    def _go(self, look: Look, surface_rad: float | None = None) -> FloatArray:
+        """One step towards the look's target; surface_rad: the heading along what is followed."""
         here = np.array([look.x, look.y])
         if len(look.points) or len(look.movers):
             angle = self._steering.heading(look, self._heading, self._state)
         else:
             angle = math.atan2(look.target_y - look.y, look.target_x - look.x)
+        if surface_rad is not None and not len(look.movers):
+            off = math.remainder(angle - surface_rad, 2.0 * math.pi)
+            angle = surface_rad if abs(off) > _LEEWAY_RAD else angle
         ux, uy = math.cos(angle), math.sin(angle)
         if free_range(look, look.x, look.y, ux, uy) < look.step:
             return here
