@@ -122,11 +122,12 @@ def test_the_printed_rule_depends_on_where_the_origin_is():
     one, costs = paper_scene("sabiha4"), []
     for shift in (np.zeros(2), np.array([60.0, 60.0])):
         world = one.world
-        discs = world.discs_xyr_m + [*shift, 0.0]
+        shift_3 = np.array([*shift, 0.0])
+        discs = world.discs_xyr_m + shift_3
         moved = replace(
             one,
             world=replace(world, discs_xyr_m=discs, bounds_m=world.bounds_m + np.tile(shift, 2)),
-            start=one.start + [*shift, 0.0],
+            start=one.start + shift_3,
             goal=one.goal + shift,
         )
         settings = {"idle_generations": 1000, "max_evaluations": 3000}

@@ -161,14 +161,21 @@ def examined_penalty(p: Problem, path: FloatArray, m: int, examined: int) -> flo
 
 @njit(cache=True)
 def _examined_costs(
-    p: Problem, coding: Coding, x: FloatArray, out: FloatArray, examined: int, path: FloatArray
+    p: Problem,
+    coding: Coding,
+    x: FloatArray,
+    out: FloatArray,
+    bounds: FloatArray,
+    examined: int,
+    path: FloatArray,
 ) -> None:
     for k in range(x.shape[0]):
         p.trials[0] += 1
         m = decode(p, coding, x[k], path)
         length, turning = length_and_turning(path, m)
         out[k] = p.length_weight * length + p.turning_weight * turning
-        out[k] += p.penalty * examined_penalty(p, path, m, examined)
+        if out[k] <= bounds[k]:  # else length and turning alone already lose
+            out[k] += p.penalty * examined_penalty(p, path, m, examined)
 
 
 class PathObjective:
@@ -187,7 +194,7 @@ class PathObjective:
         if self._examined is None:
             _whole_curve_costs(p, coding, x, out, bounds, path, self._stack)
         else:
-            _examined_costs(p, coding, x, out, self._examined, path)
+            _examined_costs(p, coding, x, out, bounds, self._examined, path)
 
     def path(self, x: FloatArray) -> FloatArray:
         """The waypoints (points + 2, 2) of a vector."""
