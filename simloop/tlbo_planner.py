@@ -220,6 +220,7 @@ class TlboPlanner:
     """Keeps `simloop.planners.protocol.Planner`; its state between calls is scratch only."""
 
     name = "tlbo"
+    invariant = ("shift", "rotate", "mirror", "scale")
 
     def __init__(self, config: PlannerConfig, vehicle: VehicleConfig) -> None:
         self._config = config

@@ -113,6 +113,12 @@ def check_options(name: str, options: dict[str, Any]) -> None:
         raise ValueError(f"planner {name} has no options")
 
 
+def invariance(name: str) -> tuple[str, ...]:
+    """Changes of the world (shift, rotate, mirror, scale) under which a planner's results agree."""
+    claimed: tuple[str, ...] = getattr(load(name), "invariant", ())
+    return claimed
+
+
 def summary(name: str) -> str:
     """One line about a planner."""
     return _CLASSES[name][1]

@@ -39,6 +39,7 @@ class OnlinePlanner:
     """Keeps `simloop.planners.protocol.Planner`; a steering of its own for each walk."""
 
     name = ""
+    invariant = ("shift", "rotate", "mirror", "scale")
 
     def __init__(self, config: PlannerConfig, vehicle: VehicleConfig) -> None:
         self._config = config
@@ -115,6 +116,7 @@ class FuzzyWdo(OnlinePlanner):
     """A fuzzy controller does, tuned by wind driven optimisation: the rival in the first map."""
 
     name = "fuzzy_wdo"
+    invariant = ("shift", "rotate", "scale")  # its rules turn left where nothing else decides
 
     def steering(self) -> Steering:
         return FuzzySteering()

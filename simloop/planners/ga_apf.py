@@ -229,6 +229,7 @@ class GaApf:
     """Keeps `simloop.planners.protocol.Planner`."""
 
     name = "ga_apf"
+    invariant = ("shift", "rotate", "mirror", "scale")
 
     def __init__(self, config: PlannerConfig, vehicle: VehicleConfig) -> None:
         self._config = config

@@ -92,6 +92,7 @@ class PotentialField:
     """Keeps `simloop.planners.protocol.Planner`; draws nothing from the generator."""
 
     name = "potential_field"
+    invariant = ("shift", "rotate", "mirror", "scale")
 
     def __init__(self, config: PlannerConfig, vehicle: VehicleConfig) -> None:
         self._config = config

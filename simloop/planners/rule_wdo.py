@@ -4,7 +4,6 @@ pressure, in the box scaled to [-1, 1]."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from numba import njit
@@ -63,7 +62,6 @@ class WindDriven(Rule):
 
     name = "wdo"
     Options = WdoOptions
-    invariant: ClassVar[tuple[str, ...]] = ("shift", "scale")
 
     def begin(self, population: Population) -> None:
         p, limit = population, self.options.speed_limit
