@@ -34,6 +34,7 @@ from simloop.planners.recombine import recombine
 from simloop.planners.routes import find_routes, sort_routes
 from simloop.planners.splitmix import State, make_state
 from simloop.planners.tlbo import Class, make_class, tlbo
+from simloop.planners.warm import way_ahead
 
 _SWEEPS = 4
 _SHOWN = 12
@@ -274,18 +275,9 @@ class TlboPlanner:
     def _warm(self, problem: Problem, previous: Plan | None) -> int:
         """Put what lies ahead of the previous plan into b.best; how many points, 0 if it is no
         longer safe or leads elsewhere."""
-        if previous is None or not previous.safe or len(previous.waypoints_m) > MAX_POINTS - 1:
+        path = way_ahead(problem, previous)
+        if path is None or len(path) > MAX_POINTS - 1:
             return 0
-        old = previous.waypoints_m
-        goal = np.array([problem.goal_x, problem.goal_y])
-        if math.dist(old[-1], goal) > 0.05:
-            return 0
-        here = np.array([problem.start_x, problem.start_y])
-        edges = old[1:] - old[:-1]
-        squares = np.maximum((edges**2).sum(axis=1), 1e-18)
-        t = np.clip(((here - old[:-1]) * edges).sum(axis=1) / squares, 0.0, 1.0)
-        nearest = int(np.argmin(np.hypot(*(old[:-1] + t[:, None] * edges - here).T)))
-        path = np.vstack([here, old[nearest + 1 : -1], goal])
         b = self._buffers
         b.best[: len(path)] = path
         if intrusion(problem, b.best, len(path), np.inf, b.stack) > 0.0:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -110,3 +112,36 @@ def test_options_that_make_no_sense_are_refused_in_one_line(options, said):
     with pytest.raises(ValueError, match=said) as error:
         planners.check_options("de", options)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(("name", "other"), [("de", "ga"), ("ga", "ga"), ("niwtlbo", "niwtlbo")])
+def test_the_old_way_is_one_of_the_first_population(name, other):
+    """With no evaluation left but the first population's, a good old way is what is found."""
+    one = scene("S1")[0]
+    config = PlannerConfig(
+        name=name, start_turn_weight=0.0, safe_distance_m=one.safe_m, max_evaluations=100
+    )
+    good = make_planner(replace(config, name=other, max_evaluations=40_000), POINT)
+    task = one.world, one.start, one.goal
+    old = good.plan(*task, np.random.default_rng(0))
+    planner = make_planner(config, POINT)
+    cold = planner.plan(*task, np.random.default_rng(1))
+    warm = planner.plan(*task, np.random.default_rng(1), previous=old)
+    assert warm.cost <= old.cost * (1.0 + 1e-9) < cold.cost
+    elsewhere = replace(old, waypoints_m=old.waypoints_m[:-1])
+    for useless in (elsewhere, replace(old, safe=False)):
+        again = planner.plan(*task, np.random.default_rng(1), previous=useless)
+        assert again.waypoints_m.tobytes() == cold.waypoints_m.tobytes()
+
+
+def test_what_leaves_the_box_is_clipped_or_folded_back():
+    """Beyond a wall by less than the box is wide: to the wall, or as far inside as it was out."""
+    for reflect, expected in ((False, [-4.0, 6.0, 1.0, 1.0]), (True, [-3.5, 4.0, 1.0, 1.0])):
+        population = Population(
+            StandardFunction("sphere", 4), 4, 100, make_state(np.random.default_rng(0)),
+            reflect=reflect,
+        )  # fmt: skip
+        population.draw()
+        population.candidate[:] = [-4.5, 8.0, 1.0, np.nan]
+        population.replace()
+        np.testing.assert_allclose(population.x, np.tile(expected, (4, 1)))

@@ -12,6 +12,7 @@ over twelve safe distances (3.1 m); ten times the straight way is allowed.
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 import numpy as np
 
@@ -39,7 +40,7 @@ class OnlinePlanner:
     """Keeps `simloop.planners.protocol.Planner`; a steering of its own for each walk."""
 
     name = ""
-    invariant = ("shift", "rotate", "mirror", "scale")
+    invariant: ClassVar[tuple[str, ...]] = ("shift", "rotate", "mirror", "scale")
 
     def __init__(self, config: PlannerConfig, vehicle: VehicleConfig) -> None:
         self._config = config

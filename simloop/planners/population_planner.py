@@ -12,11 +12,12 @@ from simloop.config import PlannerConfig, VehicleConfig
 from simloop.errors import did_you_mean
 from simloop.messages import FloatArray, Plan, WorldView
 from simloop.planners.clearance import Problem, make_problem
-from simloop.planners.codings import CODINGS, PathObjective, make_coding
+from simloop.planners.codings import CODINGS, PathObjective, encode, make_coding
 from simloop.planners.objective import intrusion, length_and_turning, make_stack
 from simloop.planners.population import Population, Rule, minimise
 from simloop.planners.seeds import seeded
 from simloop.planners.splitmix import make_state
+from simloop.planners.warm import way_ahead
 
 _SEEDINGS = ("seeded", "uniform")
 _SHOWN = 12
@@ -78,7 +79,8 @@ class PopulationPlanner:
         previous: Plan | None = None,
         reason: str = "frame",
     ) -> Plan:
-        """As the protocol says; ``previous`` is not used."""
+        """As the protocol says. What lies ahead of ``previous`` is in a seeded first population;
+        rules that begin uniformly, as the papers print them, begin anew."""
         config = self._config
         problem = make_problem(
             world,
@@ -91,7 +93,7 @@ class PopulationPlanner:
             start_turn_weight=config.start_turn_weight,
             penalty=config.penalty,
         )
-        population, objective, generations = self._search(problem, rng)
+        population, objective, generations = self._search(problem, rng, previous)
         path = objective.path(population.best_x)
         if math.dist(start[:2], goal) < _HERE_M:
             path = np.array([start[:2], goal], dtype=np.float64)
@@ -115,7 +117,7 @@ class PopulationPlanner:
         )
 
     def _search(
-        self, problem: Problem, rng: np.random.Generator
+        self, problem: Problem, rng: np.random.Generator, previous: Plan | None
     ) -> tuple[Population, PathObjective, int]:
         config, setup, rule = self._config, self._setup, self._rule(self._options)
         coding = make_coding(problem, setup.coding or rule.coding, setup.points or rule.points)
@@ -127,6 +129,9 @@ class PopulationPlanner:
         first = None
         if (setup.seeding or rule.seeding) == "seeded":
             first = seeded(problem, coding, config.learners, state)
+            old_way = way_ahead(problem, previous)
+            if old_way is not None:
+                first[-1] = encode(problem, coding, old_way)
             # What the routes took is part of the account, but leaves room for one population.
             most = max(0, config.max_evaluations - config.learners)
             population.spent = min(int(problem.trials[0]), most)
