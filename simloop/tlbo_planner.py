@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray, Plan, WorldView
 from simloop.planners.bends import MAX_POINTS, copy_path, refine, settle, without_twins
-from simloop.planners.clearance import Problem, make_problem
+from simloop.planners.clearance import Problem
 from simloop.planners.lines import Lines, decode, encode, make_lines, nearby
 from simloop.planners.objective import (
     LEAST_INTRUSION_M,
@@ -31,6 +31,7 @@ from simloop.planners.objective import (
     make_stack,
 )
 from simloop.planners.recombine import recombine
+from simloop.planners.rollout import problem_of
 from simloop.planners.routes import find_routes, sort_routes
 from simloop.planners.splitmix import State, make_state
 from simloop.planners.tlbo import Class, make_class, tlbo
@@ -242,17 +243,7 @@ class TlboPlanner:
     ) -> Plan:
         """As the protocol says. A start too close to something: see `make_problem`."""
         config, b = self._config, self._buffers
-        problem = make_problem(
-            world,
-            start,
-            goal,
-            safe_m=config.safe_distance_m,
-            overhang_m=self._overhang,
-            length_weight=config.length_weight,
-            turning_weight=config.turning_weight,
-            start_turn_weight=config.start_turn_weight,
-            penalty=config.penalty,
-        )
+        problem = problem_of(config, self._overhang, world, start, goal)
         b.state[:] = make_state(rng)
         warm = self._warm(problem, previous)
         m, generations, shown = _solve(problem, self._tuning, warm, b)

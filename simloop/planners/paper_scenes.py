@@ -15,6 +15,7 @@ length of its best path, the obstacles are chosen so that the shortest path here
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -201,15 +202,8 @@ def _polygon_world(
     discs: tuple[tuple[float, float, float], ...],
     bounds: tuple[float, float, float, float],
 ) -> WorldView:
-    return WorldView(
-        t_ns=0,
-        origin_m=np.array(bounds[:2]),
-        resolution_m=0.05,
-        distance_m=np.zeros((0, 0), dtype=np.float32),
-        discs_xyr_m=np.array(discs, dtype=np.float64).reshape(-1, 3),
-        bounds_m=np.array(bounds),
-        polygons_m=tuple(np.array(corners, dtype=np.float64) for corners in polygons),
-    )
+    corners = tuple(np.array(polygon, dtype=np.float64) for polygon in polygons)
+    return replace(disc_world(np.array(discs), bounds), polygons_m=corners)
 
 
 def _walls(

@@ -11,10 +11,11 @@ import numpy as np
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.errors import did_you_mean
 from simloop.messages import FloatArray, Plan, WorldView
-from simloop.planners.clearance import Problem, make_problem
+from simloop.planners.clearance import Problem
 from simloop.planners.codings import CODINGS, PathObjective, encode, make_coding
 from simloop.planners.objective import intrusion, length_and_turning, make_stack
 from simloop.planners.population import Population, Rule, minimise
+from simloop.planners.rollout import problem_of
 from simloop.planners.seeds import seeded
 from simloop.planners.splitmix import make_state
 from simloop.planners.warm import way_ahead
@@ -82,17 +83,7 @@ class PopulationPlanner:
         """As the protocol says. What lies ahead of ``previous`` is in a seeded first population;
         rules that begin uniformly, as the papers print them, begin anew."""
         config = self._config
-        problem = make_problem(
-            world,
-            start,
-            goal,
-            safe_m=config.safe_distance_m,
-            overhang_m=self._overhang,
-            length_weight=config.length_weight,
-            turning_weight=config.turning_weight,
-            start_turn_weight=config.start_turn_weight,
-            penalty=config.penalty,
-        )
+        problem = problem_of(config, self._overhang, world, start, goal)
         population, objective, generations = self._search(problem, rng, previous)
         path = objective.path(population.best_x)
         if math.dist(start[:2], goal) < _HERE_M:

@@ -61,6 +61,14 @@ def learn(
             candidate[k, j] = weight * x[k, j] + side * r * (x[k, j] - x[q, j])
 
 
+def teach_and_learn(p: Population, weight: float, floor: float) -> None:
+    """Both phases, each learner keeping the better (Eq. 24)."""
+    teach(p.x, p.cost, p.candidate, weight, floor, p.state)
+    p.offer()
+    learn(p.x, p.cost, p.candidate, weight, floor, p.state)
+    p.offer()
+
+
 @dataclass(frozen=True, slots=True)
 class PaperOptions:
     """examined: points within each segment at which the distance d_j "during the vehicle motion" is
@@ -91,11 +99,7 @@ class TlboPaper(Rule):
         return int(self.options.examined)
 
     def generation(self, population: Population) -> None:
-        p = population
-        teach(p.x, p.cost, p.candidate, 1.0, 0.0, p.state)
-        p.offer()
-        learn(p.x, p.cost, p.candidate, 1.0, 0.0, p.state)
-        p.offer()
+        teach_and_learn(population, 1.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,10 +121,7 @@ class TlboElitist(Rule):
         p, elites = population, min(self.options.elites, population.size // 2)
         best = np.argsort(p.cost, kind="mergesort")[:elites]
         kept_x, kept_cost = p.x[best].copy(), p.cost[best].copy()
-        teach(p.x, p.cost, p.candidate, 1.0, 0.0, p.state)
-        p.offer()
-        learn(p.x, p.cost, p.candidate, 1.0, 0.0, p.state)
-        p.offer()
+        teach_and_learn(p, 1.0, 0.0)
         if elites:
             worst = np.argsort(p.cost, kind="mergesort")[-elites:]
             p.x[worst], p.cost[worst] = kept_x, kept_cost
@@ -149,8 +150,5 @@ class Niwtlbo(Rule):
         p = population
         share = p.generation / (p.generations / 8.0)
         weight = 1.0 - math.exp(-0.5 * share * share) * (1.0 - self.options.w_min)  # Eq. 4
-        teach(p.x, p.cost, p.candidate, weight, 0.5, p.state)
-        p.offer()
-        learn(p.x, p.cost, p.candidate, weight, 0.5, p.state)
-        p.offer()
+        teach_and_learn(p, weight, 0.5)
         p.remove_duplicates()
