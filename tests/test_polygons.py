@@ -45,7 +45,7 @@ def test_a_segments_clearance_is_that_of_its_worst_sample(seed, clockwise):
     points = a + np.linspace(0.0, 1.0, 4001)[:, None] * (b - a)
     truth = min(signed(polygon, points).min() for polygon in polygons)
     p = problem(*given_as)
-    found = polygon_clearance(p.poly_x, p.poly_y, p.poly_end, *a, *b)
+    found = polygon_clearance(p.corners, *a, *b)
     assert truth - 1e-3 < found <= truth + 1e-9
 
 

@@ -31,10 +31,8 @@ STACK = 64
 class Problem(NamedTuple):
     """One planning problem in the flat form that the compiled kernels take.
 
-    disc_x, disc_y, disc_r: (K,) m, empty where field (rows, cols) float32 is not. poly_x, poly_y:
-    corners of convex polygons, counter-clockwise, one after the other; poly_end: (P,) where each
-    ends. field_x,
-    field_y: centre of cell (0, 0). low, high: box of the waypoints. start_slack: how much of
+    disc_x, disc_y, disc_r: (K,) m, empty where field (rows, cols) float32 is not. corners: (N, 3)
+    of convex polygons, see `flatten_polygons`. field_x, field_y: centre of cell (0, 0). low, high: box of the waypoints. start_slack: how much of
     the safe distance the start itself lacks, m. trials: (1,), how
     many paths and single segments have been tried so far.
     """
@@ -42,9 +40,7 @@ class Problem(NamedTuple):
     disc_x: FloatArray
     disc_y: FloatArray
     disc_r: FloatArray
-    poly_x: FloatArray
-    poly_y: FloatArray
-    poly_end: NDArray[np.int64]
+    corners: FloatArray
     field: NDArray[np.float32]
     field_x: float
     field_y: float
@@ -93,7 +89,7 @@ def make_problem(
     discs = np.asarray(world.discs_xyr_m, dtype=np.float64).reshape(-1, 3)
     # Copies, so that the kernels always see writable arrays: one or no disc is no other type.
     x, y, r = (empty if field.size else column.copy() for column in discs.T)
-    corners, ends = flatten_polygons(() if field.size else world.polygons_m)
+    corners = flatten_polygons(() if field.size else world.polygons_m)
     resolution = world.resolution_m if field.size else 1.0
     overstated = 0.0
     if field.size:
@@ -105,9 +101,7 @@ def make_problem(
         disc_x=x,
         disc_y=y,
         disc_r=r,
-        poly_x=corners[:, 0].copy(),
-        poly_y=corners[:, 1].copy(),
-        poly_end=ends,
+        corners=corners,
         field=field,
         field_x=float(world.origin_m[0]) + 0.5 * resolution,
         field_y=float(world.origin_m[1]) + 0.5 * resolution,
@@ -169,8 +163,8 @@ def point_clearance(p: Problem, x: float, y: float) -> float:
     clearance = FREE_M
     for k in range(p.disc_x.size):
         clearance = min(clearance, math.hypot(x - p.disc_x[k], y - p.disc_y[k]) - p.disc_r[k])
-    if p.poly_end.size > 0:
-        clearance = min(clearance, polygon_clearance(p.poly_x, p.poly_y, p.poly_end, x, y, x, y))
+    if p.corners.size > 0:
+        clearance = min(clearance, polygon_clearance(p.corners, x, y, x, y))
     return clearance
 
 
@@ -305,8 +299,8 @@ def _disc_clearance(p: Problem, ax: float, ay: float, bx: float, by: float) -> f
         reach = disc_r[k] + safe
         if apart < reach * reach:  # rare, so that the root is, too
             clearance = min(clearance, math.sqrt(apart) - disc_r[k])
-    if p.poly_end.size > 0:
-        among = polygon_clearance(p.poly_x, p.poly_y, p.poly_end, ax, ay, bx, by)
+    if p.corners.size > 0:
+        among = polygon_clearance(p.corners, ax, ay, bx, by)
         clearance = min(clearance, among)
     return clearance
 

@@ -247,7 +247,7 @@ def nearby(p: Problem, path: FloatArray, m: int) -> Problem:
     for i in range(n):
         x[i], y[i], r[i] = p.disc_x[keep[i]], p.disc_y[keep[i]], p.disc_r[keep[i]]
     return Problem(
-        x, y, r, p.poly_x, p.poly_y, p.poly_end, p.field, p.field_x, p.field_y, p.per_m,
+        x, y, r, p.corners, p.field, p.field_x, p.field_y, p.per_m,
         p.low_x, p.low_y, p.high_x, p.high_y,
         p.start_x, p.start_y, p.start_yaw, p.goal_x, p.goal_y, p.start_slack, p.safe_m,
         p.tolerance_m, p.overstated_m, p.overhang_m, p.length_weight, p.turning_weight,

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from simloop.messages import FloatArray
 from simloop.planners.cells import FREE_M
@@ -15,8 +14,9 @@ from simloop.planners.cells import FREE_M
 
 def flatten_polygons(
     polygons: Sequence[FloatArray],
-) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Corners (N, 2) of all polygons, each counter-clockwise, and where each ends (P,).
+) -> FloatArray:
+    """Corners (N, 3) of all polygons, one after the other, each counter-clockwise: x, y, and the
+    row where its polygon ends. One array, for each that a `Problem` holds costs every call.
 
     Raises ValueError where one is not a convex polygon with an area.
     """
@@ -32,14 +32,14 @@ def flatten_polygons(
             raise ValueError(f"polygon {number} is not convex, or has no area")
         keep = np.hypot(edges[:, 0], edges[:, 1]) > 0.0
         turned.append(corners[keep] if cross.sum() > 0.0 else corners[keep][::-1])
-    ends = np.cumsum([len(corners) for corners in turned], dtype=np.int64)
-    return (np.concatenate(turned) if turned else np.zeros((0, 2))), ends
+    sizes = [len(corners) for corners in turned]
+    flat = np.concatenate(turned) if turned else np.zeros((0, 2))
+    return np.column_stack([flat, np.repeat(np.cumsum(sizes), sizes)])
 
 
 @njit(cache=True)
 def _outline_distance(
-    poly_x: FloatArray,
-    poly_y: FloatArray,
+    corners: FloatArray,
     first: int,
     last: int,
     ax: float,
@@ -53,7 +53,7 @@ def _outline_distance(
     square = dx * dx + dy * dy
     for i in range(first, last):
         k = i + 1 if i + 1 < last else first
-        px, py, qx, qy = poly_x[i], poly_y[i], poly_x[k], poly_y[k]
+        px, py, qx, qy = corners[i, 0], corners[i, 1], corners[k, 0], corners[k, 1]
         ex, ey = qx - px, qy - py
         sa = ex * (ay - py) - ey * (ax - px)
         sb = ex * (by - py) - ey * (bx - px)
@@ -72,14 +72,14 @@ def _outline_distance(
 
 @njit(cache=True)
 def _depth_at(
-    poly_x: FloatArray, poly_y: FloatArray, first: int, last: int, x: float, y: float
+    corners: FloatArray, first: int, last: int, x: float, y: float
 ) -> tuple[float, int]:
     """Signed distance to the nearest of a polygon's edge lines, negative inside; which line."""
     most, which = -np.inf, first
     for i in range(first, last):
         k = i + 1 if i + 1 < last else first
-        ex, ey = poly_x[k] - poly_x[i], poly_y[k] - poly_y[i]
-        out = (ey * (x - poly_x[i]) - ex * (y - poly_y[i])) / math.hypot(ex, ey)
+        ex, ey = corners[k, 0] - corners[i, 0], corners[k, 1] - corners[i, 1]
+        out = (ey * (x - corners[i, 0]) - ex * (y - corners[i, 1])) / math.hypot(ex, ey)
         if out > most:
             most, which = out, i
     return most, which
@@ -87,9 +87,7 @@ def _depth_at(
 
 @njit(cache=True)
 def polygon_clearance(
-    poly_x: FloatArray,
-    poly_y: FloatArray,
-    poly_end: NDArray[np.int64],
+    corners: FloatArray,
     ax: float,
     ay: float,
     bx: float,
@@ -101,22 +99,22 @@ def polygon_clearance(
     """
     clearance = FREE_M
     first = 0
-    for n in range(poly_end.size):
-        last = poly_end[n]
+    while first < corners.shape[0]:
+        last = int(corners[first, 2])
         low, high = 0.0, 1.0
         for _ in range(50):
             t = 0.5 * (low + high)
-            _, i = _depth_at(poly_x, poly_y, first, last, ax + t * (bx - ax), ay + t * (by - ay))
+            _, i = _depth_at(corners, first, last, ax + t * (bx - ax), ay + t * (by - ay))
             k = i + 1 if i + 1 < last else first
-            ex, ey = poly_x[k] - poly_x[i], poly_y[k] - poly_y[i]
+            ex, ey = corners[k, 0] - corners[i, 0], corners[k, 1] - corners[i, 1]
             if ey * (bx - ax) - ex * (by - ay) > 0.0:
                 high = t
             else:
                 low = t
         t = 0.5 * (low + high)
-        deepest, _ = _depth_at(poly_x, poly_y, first, last, ax + t * (bx - ax), ay + t * (by - ay))
+        deepest, _ = _depth_at(corners, first, last, ax + t * (bx - ax), ay + t * (by - ay))
         if deepest > 0.0:
-            deepest = _outline_distance(poly_x, poly_y, first, last, ax, ay, bx, by)
+            deepest = _outline_distance(corners, first, last, ax, ay, bx, by)
         clearance = min(clearance, deepest)
         first = last
     return clearance

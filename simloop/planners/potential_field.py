@@ -40,7 +40,7 @@ def force(p: Problem, x: float, y: float, reach: float) -> tuple[float, float]:
     fy = ATTRACTION * (p.goal_y - y)
     least = _LEAST_GAP * p.safe_m
     eta = REPULSION * p.safe_m**4
-    if p.field.size == 0 and p.poly_end.size == 0:
+    if p.field.size == 0 and p.corners.size == 0:
         for k in range(p.disc_x.size):
             dx, dy = x - p.disc_x[k], y - p.disc_y[k]
             apart = math.hypot(dx, dy)

@@ -49,7 +49,7 @@ def surface(p: Problem, x: float, y: float) -> tuple[float, float, float]:
     exact, else it is the distance's slope; 0, 0 where that has none.
     """
     gap = relaxed_clearance(p, x, y) - p.safe_m
-    if p.field.size == 0 and p.poly_end.size == 0:
+    if p.field.size == 0 and p.corners.size == 0:
         least = np.inf
         ux, uy = 0.0, 0.0
         for k in range(p.disc_x.size):

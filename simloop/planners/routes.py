@@ -50,7 +50,7 @@ def make_lattice(p: Problem, most_nodes: int) -> Lattice:
     nx = int(wide / step + 1e-9) + 1
     ny = int(high / step + 1e-9) + 1
     weight = np.ones((ny, nx), np.int32)
-    if p.field.size > 0 or p.poly_end.size > 0:
+    if p.field.size > 0 or p.corners.size > 0:
         for iy in range(ny):
             for ix in range(nx):
                 lack = p.safe_m - relaxed_clearance(p, low_x + ix * step, low_y + iy * step)

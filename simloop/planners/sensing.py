@@ -69,12 +69,12 @@ def cast(p: Problem, x: float, y: float, ux: float, uy: float, reach: float) -> 
         if room >= 0.0 and along > 0.0:
             least = min(least, max(along - math.sqrt(room), 0.0))
     first = 0
-    for n in range(p.poly_end.size):
-        last = p.poly_end[n]
+    while first < p.corners.shape[0]:
+        last = int(p.corners[first, 2])
         for i in range(first, last):
             k = i + 1 if i + 1 < last else first
-            ex, ey = p.poly_x[k] - p.poly_x[i], p.poly_y[k] - p.poly_y[i]
-            wx, wy = p.poly_x[i] - x, p.poly_y[i] - y
+            ex, ey = p.corners[k, 0] - p.corners[i, 0], p.corners[k, 1] - p.corners[i, 1]
+            wx, wy = p.corners[i, 0] - x, p.corners[i, 1] - y
             cross = ux * ey - uy * ex
             if abs(cross) > 1e-12:
                 t = (wx * ey - wy * ex) / cross
