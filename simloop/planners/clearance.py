@@ -31,15 +31,14 @@ STACK = 64
 class Problem(NamedTuple):
     """One planning problem in the flat form that the compiled kernels take.
 
-    disc_x, disc_y, disc_r: (K,) m, empty where field (rows, cols) float32 is not. corners: (N, 3)
-    of convex polygons, see `flatten_polygons`. field_x, field_y: centre of cell (0, 0). low, high: box of the waypoints. start_slack: how much of
+    discs: (3, K) rows x, y, radius, m, empty where field (rows, cols) float32 is not. corners:
+    (N, 3) of convex polygons, see `flatten_polygons`. field_x, field_y: centre of cell (0, 0).
+    low, high: box of the waypoints. start_slack: how much of
     the safe distance the start itself lacks, m. trials: (1,), how
     many paths and single segments have been tried so far.
     """
 
-    disc_x: FloatArray
-    disc_y: FloatArray
-    disc_r: FloatArray
+    discs: FloatArray
     corners: FloatArray
     field: NDArray[np.float32]
     field_x: float
@@ -85,10 +84,9 @@ def make_problem(
     at what the start has and grows by `START_GROWTH` a metre, so that the robot can leave.
     """
     field = np.ascontiguousarray(world.distance_m, dtype=np.float32)
-    empty = np.zeros(0)
     discs = np.asarray(world.discs_xyr_m, dtype=np.float64).reshape(-1, 3)
-    # Copies, so that the kernels always see writable arrays: one or no disc is no other type.
-    x, y, r = (empty if field.size else column.copy() for column in discs.T)
+    # A copy, so that the kernels always see a writable array: another type, else.
+    rows = np.zeros((3, 0)) if field.size else discs.T.copy(order="C")
     corners = flatten_polygons(() if field.size else world.polygons_m)
     resolution = world.resolution_m if field.size else 1.0
     overstated = 0.0
@@ -98,9 +96,7 @@ def make_problem(
         safe_m += max(0.0, overstated - 0.9 * SAFE_WITHIN_M)
     bounds = [float(b) for b in world.bounds_m]
     problem = Problem(
-        disc_x=x,
-        disc_y=y,
-        disc_r=r,
+        discs=rows,
         corners=corners,
         field=field,
         field_x=float(world.origin_m[0]) + 0.5 * resolution,
@@ -161,8 +157,8 @@ def point_clearance(p: Problem, x: float, y: float) -> float:
     if p.field.size > 0:
         return _sample_field(p, x, y)
     clearance = FREE_M
-    for k in range(p.disc_x.size):
-        clearance = min(clearance, math.hypot(x - p.disc_x[k], y - p.disc_y[k]) - p.disc_r[k])
+    for k in range(p.discs.shape[1]):
+        clearance = min(clearance, math.hypot(x - p.discs[0, k], y - p.discs[1, k]) - p.discs[2, k])
     if p.corners.size > 0:
         clearance = min(clearance, polygon_clearance(p.corners, x, y, x, y))
     return clearance
@@ -282,23 +278,23 @@ def _field_clearance(
 @njit(cache=True, forceinline=True)
 def _disc_clearance(p: Problem, ax: float, ay: float, bx: float, by: float) -> float:
     """Exact clearance of a segment among discs, m (negative where it cuts one)."""
-    disc_x, disc_y, disc_r = p.disc_x, p.disc_y, p.disc_r
+    discs = p.discs
     safe = p.safe_m
     dx = bx - ax
     dy = by - ay
     square = dx * dx + dy * dy
     scale = 1.0 / square if square > 0.0 else 0.0
     clearance = safe
-    for k in range(disc_x.size):
-        ox = disc_x[k] - ax
-        oy = disc_y[k] - ay
+    for k in range(discs.shape[1]):
+        ox = discs[0, k] - ax
+        oy = discs[1, k] - ay
         t = min(max((ox * dx + oy * dy) * scale, 0.0), 1.0)
         ex = ox - t * dx
         ey = oy - t * dy
         apart = ex * ex + ey * ey
-        reach = disc_r[k] + safe
+        reach = discs[2, k] + safe
         if apart < reach * reach:  # rare, so that the root is, too
-            clearance = min(clearance, math.sqrt(apart) - disc_r[k])
+            clearance = min(clearance, math.sqrt(apart) - discs[2, k])
     if p.corners.size > 0:
         among = polygon_clearance(p.corners, ax, ay, bx, by)
         clearance = min(clearance, among)

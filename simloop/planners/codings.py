@@ -140,8 +140,8 @@ def examined_penalty(p: Problem, path: FloatArray, m: int, examined: int) -> flo
     there d is the least clearance and delta the safe distance."""
     in_field = p.field.size > 0
     total = 0.0
-    for k in range(1 if in_field else p.disc_x.size):
-        delta = p.safe_m if in_field else p.disc_r[k] + p.safe_m
+    for k in range(1 if in_field else p.discs.shape[1]):
+        delta = p.safe_m if in_field else p.discs[2, k] + p.safe_m
         d = np.inf
         for i in range(m - 1):
             for n in range(examined + 1):
@@ -153,7 +153,7 @@ def examined_penalty(p: Problem, path: FloatArray, m: int, examined: int) -> flo
                 if in_field:
                     d = min(d, point_clearance(p, x, y))
                 else:
-                    d = min(d, math.hypot(x - p.disc_x[k], y - p.disc_y[k]))
+                    d = min(d, math.hypot(x - p.discs[0, k], y - p.discs[1, k]))
         if d < delta:
             total += 1.0 / max(d, _NEAREST_M) - 1.0 / delta
     return total

@@ -305,9 +305,6 @@ def _discs(world: WorldView) -> FloatArray:
 
 def _among(p: Problem, discs: FloatArray, keep: np.ndarray) -> Problem:
     """The problem with the adjacent discs alone; in a distance field there is nothing to leave."""
-    if p.field.size or len(discs) != len(p.disc_x):
+    if p.field.size or len(discs) != p.discs.shape[1]:
         return p
-    near = discs[keep]
-    return p._replace(
-        disc_x=near[:, 0].copy(), disc_y=near[:, 1].copy(), disc_r=near[:, 2].copy()
-    )
+    return p._replace(discs=np.ascontiguousarray(discs[keep].T))

@@ -41,10 +41,10 @@ def force(p: Problem, x: float, y: float, reach: float) -> tuple[float, float]:
     least = _LEAST_GAP * p.safe_m
     eta = REPULSION * p.safe_m**4
     if p.field.size == 0 and p.corners.size == 0:
-        for k in range(p.disc_x.size):
-            dx, dy = x - p.disc_x[k], y - p.disc_y[k]
+        for k in range(p.discs.shape[1]):
+            dx, dy = x - p.discs[0, k], y - p.discs[1, k]
             apart = math.hypot(dx, dy)
-            gap = max(apart - p.disc_r[k] - p.safe_m, least)
+            gap = max(apart - p.discs[2, k] - p.safe_m, least)
             if gap < reach and apart > 0.0:
                 push = eta * (1.0 / gap - 1.0 / reach) / (gap * gap)
                 fx += push * dx / apart

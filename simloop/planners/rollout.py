@@ -52,11 +52,11 @@ def surface(p: Problem, x: float, y: float) -> tuple[float, float, float]:
     if p.field.size == 0 and p.corners.size == 0:
         least = np.inf
         ux, uy = 0.0, 0.0
-        for k in range(p.disc_x.size):
-            dx, dy = x - p.disc_x[k], y - p.disc_y[k]
+        for k in range(p.discs.shape[1]):
+            dx, dy = x - p.discs[0, k], y - p.discs[1, k]
             apart = math.hypot(dx, dy)
-            if apart - p.disc_r[k] < least and apart > 0.0:
-                least = apart - p.disc_r[k]
+            if apart - p.discs[2, k] < least and apart > 0.0:
+                least = apart - p.discs[2, k]
                 ux, uy = dx / apart, dy / apart
         return gap, ux, uy
     h = _CLIMB_CELLS / p.per_m if p.field.size > 0 else _SLOPE_M * p.safe_m

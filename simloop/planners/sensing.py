@@ -62,10 +62,10 @@ def cast(p: Problem, x: float, y: float, ux: float, uy: float, reach: float) -> 
     if p.field.size > 0:
         return _march(p, x, y, ux, uy, reach)
     least = reach
-    for k in range(p.disc_x.size):
-        dx, dy = p.disc_x[k] - x, p.disc_y[k] - y
+    for k in range(p.discs.shape[1]):
+        dx, dy = p.discs[0, k] - x, p.discs[1, k] - y
         along = dx * ux + dy * uy
-        room = p.disc_r[k] ** 2 - (dx * dx + dy * dy - along * along)
+        room = p.discs[2, k] ** 2 - (dx * dx + dy * dy - along * along)
         if room >= 0.0 and along > 0.0:
             least = min(least, max(along - math.sqrt(room), 0.0))
     first = 0
