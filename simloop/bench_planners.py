@@ -21,7 +21,6 @@ from simloop.bench_loop import machine
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray
 from simloop.metrics import versions
-from simloop.planners import available
 from simloop.planners.clearance import SAFE_WITHIN_M
 from simloop.planners.exact import exact_path
 from simloop.planners.registry import make_planner
@@ -63,7 +62,7 @@ def run(plans: int = PLANS, precise: int = PLANS_PRECISE) -> dict[str, Any]:
 
     plans, precise: at least this many plans a scene, shared by its instances.
     """
-    jobs = [(name, PlannerConfig(name=name), plans) for name in available()]
+    jobs = [("tlbo", PlannerConfig(), plans)]
     jobs.append(("tlbo_precise", PlannerConfig(name="tlbo", precise=True), precise))
     found: dict[str, dict[str, dict[str, float]]] = {name: {} for name in SCENE_NAMES}
     console = Console(stderr=True)

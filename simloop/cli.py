@@ -11,6 +11,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -91,14 +92,15 @@ def _about(
 @app.command("list")
 def list_choices() -> int:
     """Show the scenarios, planners and arenas that can be named."""
-    from simloop import catalog
+    from simloop import catalog, planners
     from simloop.report import print_table
 
     console = Console()
     facts = {name: catalog.scenario_facts(path) for name, path in catalog.scenario_files().items()}
     rows = [[name, fact["title"], fact["description"]] for name, fact in facts.items()]
     print_table(console, "scenarios", ["name", "title", "description"], rows)
-    print_table(console, "planners", ["name"], [[name] for name in catalog.planner_names()])
+    about = [[name, planners.summary(name)] for name in catalog.planner_names()]
+    print_table(console, "planners", ["name", "description"], about)
     print_table(console, "arenas", ["name"], [[name] for name in catalog.arena_files()])
     return 0
 
@@ -140,7 +142,7 @@ def run_scenario(
         watch = _Watch(wanted, world, outputs)
         result = _run(watch.simulation, notes, stop)
         try:
-            outputs.write_result(result.metrics)
+            outputs.write_result(result.metrics | watch.plans())
             watch.finish()
         finally:
             _print_result(console, result.metrics, outputs)
@@ -305,15 +307,29 @@ class _Watch:
         from simloop.loop import Simulation
         from simloop.metrics import versions
         from simloop.observers import recorder_for, snapshots_for
+        from simloop.plan_log import PlanLog
 
-        self._recorder = self._pictures = None
+        self._recorder = self._pictures = self._plans = None
+        listeners = []
+        if outputs.recording is not None or outputs.result is not None:
+            self._plans = PlanLog(scenario.config.planner)
+            listeners.append(self._plans.offer)
         if outputs.recording is not None:
             self._recorder = recorder_for(outputs.recording, scenario, world)
         outputs.write_config(scenario, versions())
         if outputs.snapshots is not None:
             self._pictures = snapshots_for(outputs.snapshots, scenario, world)
-        listeners = [] if self._pictures is None else [self._pictures.offer]
+            listeners.append(self._pictures.offer)
         self.simulation = Simulation(scenario, self._recorder, listeners, world=world)
+
+    def plans(self) -> dict[str, Any]:
+        """The record of each replan for the result, and for the recording before it is closed."""
+        if self._plans is None:
+            return {}
+        records = self._plans.records()
+        if self._recorder is not None:
+            self._recorder.add_plan_records(records)
+        return {"plans": [asdict(record) for record in records]}
 
     def finish(self) -> None:
         """Close the recording, draw the pictures."""

@@ -249,6 +249,7 @@ class PlannerConfig:
 
     squeeze_m: what may be given up of the safety distance where that saves a long way round.
     prefer_m: what a way has over it that is taken where it costs no more than prefer_share more.
+    options: of the planner named, see `simloop.planners`.
     """
 
     name: str = "tlbo"
@@ -266,6 +267,7 @@ class PlannerConfig:
     precise: bool = False
     latency: Literal["fixed", "per_evaluation"] = "fixed"
     latency_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 0.0
+    options: dict[str, bool | int | float | str] = Field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, config=_STRICT)

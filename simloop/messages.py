@@ -7,7 +7,7 @@ in integer nanoseconds. Arrays inside a message are read-only.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cache
 from typing import Any
 
@@ -210,7 +210,8 @@ class WorldView(_Message):
 
     distance_m: (rows, cols) float32, [iy, ix], Euclidean distance from a cell's centre to the
     nearest occupied cell's surface; cell (0, 0) has its lower left corner at origin_m (2,).
-    discs_xyr_m: (K, 3) obstacles as discs. bounds_m: (4,) x_min, y_min, x_max, y_max of the
+    discs_xyr_m: (K, 3) obstacles as discs. polygons_m: corners (N, 2) of convex ones.
+    bounds_m: (4,) x_min, y_min, x_max, y_max of the
     space in which waypoints may lie. Outside the grid all is free; unknown is free.
     """
 
@@ -220,6 +221,7 @@ class WorldView(_Message):
     distance_m: NDArray[np.float32]
     discs_xyr_m: FloatArray
     bounds_m: FloatArray
+    polygons_m: tuple[FloatArray, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -227,7 +229,8 @@ class Plan(_Message):
     """A planner's answer: waypoints_m (M, 2) from start to goal, with its account.
 
     cost is J = w1 length + w2 turning (+ penalty when not safe). candidates_m: some of the
-    final class, for the eye only. ``safe``: clearance kept along the whole polyline.
+    final class, for the eye only. ``safe``: clearance kept along the whole polyline. history:
+    (H, 2) evaluations and the best J from then on, one row for each gain; empty if not kept.
     """
 
     t_ns: int
@@ -241,6 +244,7 @@ class Plan(_Message):
     planner: str
     reason: str = "frame"
     candidates_m: tuple[FloatArray, ...] = ()
+    history: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

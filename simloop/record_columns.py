@@ -73,6 +73,8 @@ DERIVED = {
     "error_position": ("error",),
     "error_yaw": ("error",),
     "nees": ("pose",),
+    "plan_cost_exact": ("exact, among discs",),
+    "plan_gap_percent": ("gap",),
 }
 
 

@@ -35,6 +35,7 @@ from simloop.messages import (
     WorldView,
 )
 from simloop.odometry import compose_all
+from simloop.plan_log import PlanRecord
 from simloop.record_columns import (
     DERIVED,
     SERIES,
@@ -140,6 +141,15 @@ class RerunRecorder:
                 self._flush()
                 self._due_ns = message.t_ns + _FLUSH_NS
             self._kept[type(message)].append(message)
+
+    def add_plan_records(self, records: Sequence[PlanRecord]) -> None:
+        """Plot what each replan came to beside the exact optimum; once, when the run is over."""
+        known = [r for r in records if r.exact_cost is not None]
+        if self._open and known:
+            times = [round(r.t_s * 1e9) for r in known]
+            self._send_scalars("plan_cost_exact", times, [r.exact_cost for r in known])
+            gaps = [np.nan if r.gap_percent is None else r.gap_percent for r in known]
+            self._send_scalars("plan_gap_percent", times, gaps)
 
     def close(self) -> None:
         """Write what is left and the file's footer."""

@@ -22,6 +22,7 @@ from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, model_vali
 from pydantic.dataclasses import dataclass
 from pydantic_core import ErrorDetails
 
+from simloop import planners
 from simloop.catalog import arena_files, planner_names, scenario_files
 from simloop.config import Config, Positive, TracksConfig, reject
 from simloop.errors import InputError, did_you_mean
@@ -235,6 +236,11 @@ def _check_names(scenario: Scenario, *, source: str) -> None:
     if name not in planner_names():
         hint = did_you_mean(name, planner_names())
         raise InputError(f"{source}: planner.name: unknown planner '{name}'{hint}")
+    if scenario.config.planner.options:
+        try:
+            planners.check_options(name, dict(scenario.config.planner.options))
+        except ValueError as error:
+            raise InputError(f"{source}: planner.options: {error}") from None
     if arena.endswith(".xml"):
         if not Path(arena).is_file():
             raise InputError(f"{source}: arena: no such file: {arena}")

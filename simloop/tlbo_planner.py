@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray, Plan, WorldView
 from simloop.planners.bends import MAX_POINTS, copy_path, refine, settle, without_twins
-from simloop.planners.clearance import Problem, make_problem
+from simloop.planners.clearance import Problem
 from simloop.planners.lines import Lines, decode, encode, make_lines, nearby
 from simloop.planners.objective import (
     LEAST_INTRUSION_M,
@@ -31,9 +31,11 @@ from simloop.planners.objective import (
     make_stack,
 )
 from simloop.planners.recombine import recombine
+from simloop.planners.rollout import problem_of
 from simloop.planners.routes import find_routes, sort_routes
 from simloop.planners.splitmix import State, make_state
 from simloop.planners.tlbo import Class, make_class, tlbo
+from simloop.planners.warm import way_ahead
 
 _SWEEPS = 4
 _SHOWN = 12
@@ -220,6 +222,7 @@ class TlboPlanner:
     """Keeps `simloop.planners.protocol.Planner`; its state between calls is scratch only."""
 
     name = "tlbo"
+    invariant = ("shift", "rotate", "mirror", "scale")
 
     def __init__(self, config: PlannerConfig, vehicle: VehicleConfig) -> None:
         self._config = config
@@ -240,17 +243,7 @@ class TlboPlanner:
     ) -> Plan:
         """As the protocol says. A start too close to something: see `make_problem`."""
         config, b = self._config, self._buffers
-        problem = make_problem(
-            world,
-            start,
-            goal,
-            safe_m=config.safe_distance_m,
-            overhang_m=self._overhang,
-            length_weight=config.length_weight,
-            turning_weight=config.turning_weight,
-            start_turn_weight=config.start_turn_weight,
-            penalty=config.penalty,
-        )
+        problem = problem_of(config, self._overhang, world, start, goal)
         b.state[:] = make_state(rng)
         warm = self._warm(problem, previous)
         m, generations, shown = _solve(problem, self._tuning, warm, b)
@@ -273,18 +266,9 @@ class TlboPlanner:
     def _warm(self, problem: Problem, previous: Plan | None) -> int:
         """Put what lies ahead of the previous plan into b.best; how many points, 0 if it is no
         longer safe or leads elsewhere."""
-        if previous is None or not previous.safe or len(previous.waypoints_m) > MAX_POINTS - 1:
+        path = way_ahead(problem, previous)
+        if path is None or len(path) > MAX_POINTS - 1:
             return 0
-        old = previous.waypoints_m
-        goal = np.array([problem.goal_x, problem.goal_y])
-        if math.dist(old[-1], goal) > 0.05:
-            return 0
-        here = np.array([problem.start_x, problem.start_y])
-        edges = old[1:] - old[:-1]
-        squares = np.maximum((edges**2).sum(axis=1), 1e-18)
-        t = np.clip(((here - old[:-1]) * edges).sum(axis=1) / squares, 0.0, 1.0)
-        nearest = int(np.argmin(np.hypot(*(old[:-1] + t[:, None] * edges - here).T)))
-        path = np.vstack([here, old[nearest + 1 : -1], goal])
         b = self._buffers
         b.best[: len(path)] = path
         if intrusion(problem, b.best, len(path), np.inf, b.stack) > 0.0:

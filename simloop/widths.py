@@ -49,12 +49,17 @@ class WidthPlanner:
     def plan(
         self, view: WorldView, pose: FloatArray, previous: Plan | None, reason: str
     ) -> tuple[Plan, Smoother]:
-        """The plan from ``pose`` (3,) in map, and the smoother that goes with it."""
+        """The plan from ``pose`` (3,) in map, and the smoother that goes with it. The plan's
+        evaluations are those of all that was tried."""
+        spent = 0
 
         def plan_with(width: _Width) -> Plan:
-            return width.planner.plan(
+            nonlocal spent
+            found = width.planner.plan(
                 view, pose, self._goal, self._rng, previous=previous, reason=reason
             )
+            spent += found.evaluations
+            return found
 
         config, plan = self._config, plan_with(self._usual)
         hoped = math.dist(pose[:2], self._goal) if previous is None else left_of(previous, pose)
@@ -64,12 +69,12 @@ class WidthPlanner:
                 if tight.safe and (
                     not plan.safe or tight.length_m < plan.length_m - _LONG_WAY_ROUND_M
                 ):
-                    return tight, self._tight.smoother
+                    return replace(tight, evaluations=spent), self._tight.smoother
         elif config.prefer_m > 0.0 and plan.evaluations <= _HARD:
             roomy = plan_with(self._roomy)
             if roomy.safe and roomy.cost < plan.cost * (1.0 + config.prefer_share):
-                return roomy, self._roomy.smoother
-        return plan, self._usual.smoother
+                return replace(roomy, evaluations=spent), self._roomy.smoother
+        return replace(plan, evaluations=spent), self._usual.smoother
 
 
 def left_of(plan: Plan, pose: FloatArray) -> float:

@@ -55,7 +55,7 @@ def test_version():
     [
         (["run", "experimnt"], "did you mean 'experiment'?"),
         (["run", "none.toml"], "none.toml: no such file"),
-        (["run", "experiment", "--planner", "rrt"], "unknown planner 'rrt'; choices: tlbo"),
+        (["run", "experiment", "--planner", "rrt"], "unknown planner 'rrt'; choices: abc, "),
         (["run", "experiment", "--set", "goal=[2.05,0.55]"], "inside obstacle_02"),
         (["run", "experiment", "--set", "goal=[50,50]"], "outside the arena"),
         (["run", "experiment", "--set", "rates.lidar_s=-1"], "must be greater than"),

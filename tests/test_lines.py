@@ -150,10 +150,10 @@ def test_what_no_path_of_the_corridor_comes_near_can_be_left_out(seed, points):
     dense = np.vstack([a + t * (b - a) for a, b in pairwise(path)])
     apart = np.hypot(*(dense[:, None] - discs[:, :2]).transpose(2, 0, 1)).min(axis=0)
     reach = discs[:, 2] + SAFE + 0.16 + CORRIDOR_M
-    kept = {tuple(disc) for disc in np.column_stack([near.disc_x, near.disc_y, near.disc_r])}
+    kept = {tuple(disc) for disc in near.discs.T}
     for disc, gap in zip(discs, apart - reach, strict=True):
         if abs(gap) > 1e-3:
             assert (tuple(disc) in kept) == (gap < 0.0)
     assert near.trials is p.trials
-    for name in set(p._fields) - {"disc_x", "disc_y", "disc_r", "trials"}:
+    for name in set(p._fields) - {"discs", "trials"}:
         assert getattr(near, name) is getattr(p, name) or getattr(near, name) == getattr(p, name)

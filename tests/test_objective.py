@@ -155,5 +155,4 @@ def test_the_kernels_see_one_type_however_many_discs_there_are(count):
     """A read-only array is another type to the compiler: all would be compiled again for it."""
     view = disc_world(np.full((count, 3), 0.5), BOX)
     p = make_problem(view, np.zeros(3), np.array([5.0, 5.0]), safe_m=SAFE)
-    for column in (p.disc_x, p.disc_y, p.disc_r):
-        assert column.shape == (count,) and column.flags.writeable and column.flags.c_contiguous
+    assert p.discs.shape == (3, count) and p.discs.flags.writeable and p.discs.flags.c_contiguous

@@ -3,9 +3,80 @@
 from __future__ import annotations
 
 import importlib
+from functools import partial
 from typing import Any
 
-_CLASSES = {"tlbo": "simloop.tlbo_planner:TlboPlanner"}
+_CLASSES = {
+    "tlbo": (
+        "simloop.tlbo_planner:TlboPlanner",
+        "the lead planner: routes, then TLBO of the lines of the path",
+    ),
+    "tlbo_paper": (
+        "simloop.planners.rule_tlbo:TlboPaper",
+        "TLBO exactly as the 2022 papers print it, defects included",
+    ),
+    "tlbo_elitist": (
+        "simloop.planners.rule_tlbo:TlboElitist",
+        "elitist TLBO (Rao & Patel 2012): elites kept, duplicates mutated",
+    ),
+    "niwtlbo": (
+        "simloop.planners.rule_tlbo:Niwtlbo",
+        "nonlinear inertia weighted TLBO on cross lines (Wu 2016)",
+    ),
+    "ga": (
+        "simloop.planners.rule_genetic:GeneticAlgorithm",
+        "genetic algorithm: tournament, SBX, polynomial mutation, (mu + mu)",
+    ),
+    "pso": (
+        "simloop.planners.rule_swarm:ParticleSwarm",
+        "particle swarm, global best (Clerc & Kennedy 2002)",
+    ),
+    "ga_pso": (
+        "simloop.planners.rule_genetic:GaPso",
+        "hybrid GA-PSO (Juang 2004): the better half flies, the rest is bred from it",
+    ),
+    "abc": (
+        "simloop.planners.rule_evolution:BeeColony",
+        "artificial bee colony (Karaboga & Basturk 2007)",
+    ),
+    "de": (
+        "simloop.planners.rule_evolution:DifferentialEvolution",
+        "differential evolution, DE/rand/1/bin (Storn & Price 1997)",
+    ),
+    "avoa": (
+        "simloop.planners.rule_avoa:AfricanVultures",
+        "African vultures optimisation (Abdollahzadeh et al. 2021)",
+    ),
+    "apso": (
+        "simloop.planners.rule_swarm:AdaptiveSwarm",
+        "adaptive particle swarm (Zhan et al. 2009)",
+    ),
+    "potential_field": (
+        "simloop.planners.potential_field:PotentialField",
+        "the plain artificial potential field, local minima included",
+    ),
+    "ga_apf": (
+        "simloop.planners.ga_apf:GaApf",
+        "potential field deformed by a genetic algorithm (Mohamed 2012)",
+    ),
+    "wdo": (
+        "simloop.planners.rule_wdo:WindDriven",
+        "wind driven optimisation (Bayraktar et al. 2013)",
+    ),
+    "avoa_online": (
+        "simloop.planners.avoa_online:AvoaOnline",
+        "step by step from what is sensed, each heading by AVOA (Abed 2022)",
+    ),
+    "apso_online": (
+        "simloop.planners.avoa_online:ApsoOnline",
+        "the same, each heading by the adaptive swarm",
+    ),
+    "fuzzy_wdo": (
+        "simloop.planners.avoa_online:FuzzyWdo",
+        "the same by a fuzzy controller, tuned by wind driven optimisation",
+    ),
+}
+"""Name -> module:class, of a planner or an update rule (`population.Rule`), and what it is."""
 
 
 def available() -> tuple[str, ...]:
@@ -13,7 +84,41 @@ def available() -> tuple[str, ...]:
     return tuple(_CLASSES)
 
 
-def planner_class(name: str) -> Any:
-    """The planner's class, imported only now. Raises KeyError for an unknown name."""
-    module, _, attribute = _CLASSES[name].partition(":")
+def load(name: str) -> Any:
+    """The class behind a name, imported only now. Raises KeyError for an unknown name."""
+    module, _, attribute = _CLASSES[name][0].partition(":")
     return getattr(importlib.import_module(module), attribute)
+
+
+def planner_class(name: str) -> Any:
+    """What makes a planner of a config and a vehicle. Raises KeyError for an unknown name."""
+    found = load(name)
+    if hasattr(found, "generation"):
+        from simloop.planners.population_planner import PopulationPlanner
+
+        return partial(PopulationPlanner, found)
+    return found
+
+
+def check_options(name: str, options: dict[str, Any]) -> None:
+    """Refuse options that a planner does not know: a one-line ValueError with the choices."""
+    found = load(name)
+    if hasattr(found, "generation"):
+        from simloop.planners.population_planner import read_options
+
+        read_options(found, options)
+    elif hasattr(found, "check_options"):
+        found.check_options(options)
+    elif options:
+        raise ValueError(f"planner {name} has no options")
+
+
+def invariance(name: str) -> tuple[str, ...]:
+    """Changes of the world (shift, rotate, mirror, scale) under which a planner's results agree."""
+    claimed: tuple[str, ...] = getattr(load(name), "invariant", ())
+    return claimed
+
+
+def summary(name: str) -> str:
+    """One line about a planner."""
+    return _CLASSES[name][1]

@@ -13,9 +13,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from simloop.messages import FloatArray, WorldView
+from simloop.planners.cells import FREE_M, cell_at, lens_bound
+from simloop.planners.polygons import flatten_polygons, polygon_clearance
 
-FREE_M = 1e3
-"""Clearance reported where the world holds nothing, m."""
 TOLERANCE_M = 1e-6
 """What rounding may take from a clearance that counts as safe, m."""
 SAFE_WITHIN_M = 1e-3
@@ -31,15 +31,15 @@ STACK = 64
 class Problem(NamedTuple):
     """One planning problem in the flat form that the compiled kernels take.
 
-    disc_x, disc_y, disc_r: (K,) m, empty where field (rows, cols) float32 is not. field_x,
-    field_y: centre of cell (0, 0). low, high: box of the waypoints. start_slack: how much of
+    discs: (3, K) rows x, y, radius, m, empty where field (rows, cols) float32 is not. corners:
+    (N, 3) of convex polygons, see `flatten_polygons`. field_x, field_y: centre of cell (0, 0).
+    low, high: box of the waypoints. start_slack: how much of
     the safe distance the start itself lacks, m. trials: (1,), how
     many paths and single segments have been tried so far.
     """
 
-    disc_x: FloatArray
-    disc_y: FloatArray
-    disc_r: FloatArray
+    discs: FloatArray
+    corners: FloatArray
     field: NDArray[np.float32]
     field_x: float
     field_y: float
@@ -84,10 +84,10 @@ def make_problem(
     at what the start has and grows by `START_GROWTH` a metre, so that the robot can leave.
     """
     field = np.ascontiguousarray(world.distance_m, dtype=np.float32)
-    empty = np.zeros(0)
     discs = np.asarray(world.discs_xyr_m, dtype=np.float64).reshape(-1, 3)
-    # Copies, so that the kernels always see writable arrays: one or no disc is no other type.
-    x, y, r = (empty if field.size else column.copy() for column in discs.T)
+    # A copy, so that the kernels always see a writable array: another type, else.
+    rows = np.zeros((3, 0)) if field.size else discs.T.copy(order="C")
+    corners = flatten_polygons(() if field.size else world.polygons_m)
     resolution = world.resolution_m if field.size else 1.0
     overstated = 0.0
     if field.size:
@@ -96,9 +96,8 @@ def make_problem(
         safe_m += max(0.0, overstated - 0.9 * SAFE_WITHIN_M)
     bounds = [float(b) for b in world.bounds_m]
     problem = Problem(
-        disc_x=x,
-        disc_y=y,
-        disc_r=r,
+        discs=rows,
+        corners=corners,
         field=field,
         field_x=float(world.origin_m[0]) + 0.5 * resolution,
         field_y=float(world.origin_m[1]) + 0.5 * resolution,
@@ -158,8 +157,10 @@ def point_clearance(p: Problem, x: float, y: float) -> float:
     if p.field.size > 0:
         return _sample_field(p, x, y)
     clearance = FREE_M
-    for k in range(p.disc_x.size):
-        clearance = min(clearance, math.hypot(x - p.disc_x[k], y - p.disc_y[k]) - p.disc_r[k])
+    for k in range(p.discs.shape[1]):
+        clearance = min(clearance, math.hypot(x - p.discs[0, k], y - p.discs[1, k]) - p.discs[2, k])
+    if p.corners.size > 0:
+        clearance = min(clearance, polygon_clearance(p.corners, x, y, x, y))
     return clearance
 
 
@@ -176,21 +177,6 @@ def _allowance(p: Problem, x: float, y: float) -> float:
 def relaxed_clearance(p: Problem, x: float, y: float) -> float:
     """`point_clearance` plus what is not asked for near a start too close, m."""
     return point_clearance(p, x, y) + _allowance(p, x, y)
-
-
-@njit(cache=True, forceinline=True)
-def _lens(a: float, b: float, s: float) -> float:
-    """Least possible clearance on a segment of length s whose ends have clearances a and b.
-
-    The two discs about the ends hold no obstacle, so the nearest possible one sits where their
-    circles meet; its height over the segment is the bound.
-    """
-    if a + b <= s:
-        return 0.0
-    h = (a * a - b * b + s * s) / (2.0 * s)
-    if h <= 0.0 or h >= s:
-        return min(a, b)
-    return math.sqrt(max(0.0, a * a - h * h))
 
 
 @njit(cache=True)
@@ -210,8 +196,8 @@ def _walk_cells(
     while True:
         u = (ax + ux * t - p.field_x) * p.per_m
         v = (ay + uy * t - p.field_y) * p.per_m
-        i, u_step, u_exit = _cell(u, du, cols)
-        j, v_step, v_exit = _cell(v, dv, rows)
+        i, u_step, u_exit = cell_at(u, du, cols)
+        j, v_step, v_exit = cell_at(v, dv, rows)
         step = min(last - t, u_exit, v_exit)
         i1 = min(i + 1, cols - 1)
         j1 = min(j + 1, rows - 1)
@@ -238,24 +224,6 @@ def _walk_cells(
             return worst
 
 
-@njit(cache=True, forceinline=True)
-def _cell(u: float, du: float, count: int) -> tuple[int, float, float]:
-    """Index of the cell at u that a step of sign du enters, du as the field sees it (0 outside
-    the grid, where the field is constant), and how far it is to the cell's edge."""
-    edge = 1e-12 if du > 0.0 else -1e-12
-    at = u + edge
-    if at < 0.0:
-        return 0, 0.0, (-u / du if du > 0.0 else FREE_M)
-    if at >= count - 1.0:
-        return max(count - 2, 0), 0.0, ((count - 1.0 - u) / du if du < 0.0 else FREE_M)
-    i = int(at)
-    if du > 0.0:
-        return i, du, (i + 1.0 - u) / du
-    if du < 0.0:
-        return i, du, (i - u) / du
-    return i, 0.0, FREE_M
-
-
 @njit(cache=True)
 def _field_clearance(
     p: Problem,
@@ -269,7 +237,7 @@ def _field_clearance(
 ) -> float:
     """Clearance of a segment in the field where it falls below ``need``; else a value above.
 
-    Bisects until `_lens` proves each piece clear or the piece is so short that `_walk_cells`
+    Bisects until `lens_bound` proves each piece clear or the piece is so short that `_walk_cells`
     settles it. Returns as soon as something below ``floor`` is found.
     """
     length = math.hypot(bx - ax, by - ay)
@@ -287,7 +255,7 @@ def _field_clearance(
     top = 0
     end = length
     while True:
-        bound = _lens(fa - p.overstated_m, fb - p.overstated_m, end - t) + min(ga, gb)
+        bound = lens_bound(fa - p.overstated_m, fb - p.overstated_m, end - t) + min(ga, gb)
         if bound >= need or end - t <= shortest or top == STACK - 1:
             if bound < need:
                 worst = min(worst, _walk_cells(p, ax, ay, ux, uy, t, end))
@@ -310,23 +278,26 @@ def _field_clearance(
 @njit(cache=True, forceinline=True)
 def _disc_clearance(p: Problem, ax: float, ay: float, bx: float, by: float) -> float:
     """Exact clearance of a segment among discs, m (negative where it cuts one)."""
-    disc_x, disc_y, disc_r = p.disc_x, p.disc_y, p.disc_r
+    discs = p.discs
     safe = p.safe_m
     dx = bx - ax
     dy = by - ay
     square = dx * dx + dy * dy
     scale = 1.0 / square if square > 0.0 else 0.0
     clearance = safe
-    for k in range(disc_x.size):
-        ox = disc_x[k] - ax
-        oy = disc_y[k] - ay
+    for k in range(discs.shape[1]):
+        ox = discs[0, k] - ax
+        oy = discs[1, k] - ay
         t = min(max((ox * dx + oy * dy) * scale, 0.0), 1.0)
         ex = ox - t * dx
         ey = oy - t * dy
         apart = ex * ex + ey * ey
-        reach = disc_r[k] + safe
+        reach = discs[2, k] + safe
         if apart < reach * reach:  # rare, so that the root is, too
-            clearance = min(clearance, math.sqrt(apart) - disc_r[k])
+            clearance = min(clearance, math.sqrt(apart) - discs[2, k])
+    if p.corners.size > 0:
+        among = polygon_clearance(p.corners, ax, ay, bx, by)
+        clearance = min(clearance, among)
     return clearance
 
 

@@ -114,7 +114,7 @@ def decode(
             if not (p.low_x <= x <= p.high_x and p.low_y <= y <= p.high_y):
                 return -1.0
             if (
-                p.disc_x.size > 0
+                p.discs.shape[1] > 0
                 and abs(x - lines.point[i, 0]) + abs(y - lines.point[i, 1]) > CORRIDOR_M
             ):
                 return -1.0
@@ -230,24 +230,25 @@ def encode(p: Problem, path: FloatArray, m: int, lines: Lines, stack: FloatArray
 @njit(cache=True)
 def nearby(p: Problem, path: FloatArray, m: int) -> Problem:
     """The problem without the discs that no path within `CORRIDOR_M` of path[:m] can come near."""
-    keep = np.empty(p.disc_x.size, np.int64)
+    keep = np.empty(p.discs.shape[1], np.int64)
     n = 0
-    for k in range(p.disc_x.size):
-        reach = p.disc_r[k] + p.safe_m + p.overhang_m + CORRIDOR_M
+    for k in range(p.discs.shape[1]):
+        reach = p.discs[2, k] + p.safe_m + p.overhang_m + CORRIDOR_M
         for i in range(m - 1):
             dx, dy = path[i + 1, 0] - path[i, 0], path[i + 1, 1] - path[i, 1]
-            ox, oy = p.disc_x[k] - path[i, 0], p.disc_y[k] - path[i, 1]
+            ox, oy = p.discs[0, k] - path[i, 0], p.discs[1, k] - path[i, 1]
             square = dx * dx + dy * dy
             t = min(max((ox * dx + oy * dy) / square, 0.0), 1.0) if square > 0.0 else 0.0
             if (ox - t * dx) ** 2 + (oy - t * dy) ** 2 < reach * reach:
                 keep[n] = k
                 n += 1
                 break
-    x, y, r = np.empty(n), np.empty(n), np.empty(n)
+    discs = np.empty((3, n))
     for i in range(n):
-        x[i], y[i], r[i] = p.disc_x[keep[i]], p.disc_y[keep[i]], p.disc_r[keep[i]]
+        discs[:, i] = p.discs[:, keep[i]]
     return Problem(
-        x, y, r, p.field, p.field_x, p.field_y, p.per_m, p.low_x, p.low_y, p.high_x, p.high_y,
+        discs, p.corners, p.field, p.field_x, p.field_y, p.per_m,
+        p.low_x, p.low_y, p.high_x, p.high_y,
         p.start_x, p.start_y, p.start_yaw, p.goal_x, p.goal_y, p.start_slack, p.safe_m,
         p.tolerance_m, p.overstated_m, p.overhang_m, p.length_weight, p.turning_weight,
         p.start_turn_weight, p.penalty, p.trials,

@@ -50,14 +50,14 @@ def make_lattice(p: Problem, most_nodes: int) -> Lattice:
     nx = int(wide / step + 1e-9) + 1
     ny = int(high / step + 1e-9) + 1
     weight = np.ones((ny, nx), np.int32)
-    if p.field.size > 0:
+    if p.field.size > 0 or p.corners.size > 0:
         for iy in range(ny):
             for ix in range(nx):
                 lack = p.safe_m - relaxed_clearance(p, low_x + ix * step, low_y + iy * step)
                 if lack > 0.0:
                     weight[iy, ix] = _NEARLY if lack < 0.5 * step else _BLOCKED
     else:
-        for k in range(p.disc_x.size):
+        for k in range(p.discs.shape[1]):
             _draw_disc(p, weight, k, low_x, low_y, step)
     return Lattice(low_x, low_y, step, weight)
 
@@ -67,9 +67,9 @@ def _draw_disc(
     p: Problem, weight: IntArray, k: int, low_x: float, low_y: float, step: float
 ) -> None:
     ny, nx = weight.shape
-    reach = p.disc_r[k] + p.safe_m
-    cx = (p.disc_x[k] - low_x) / step
-    cy = (p.disc_y[k] - low_y) / step
+    reach = p.discs[2, k] + p.safe_m
+    cx = (p.discs[0, k] - low_x) / step
+    cy = (p.discs[1, k] - low_y) / step
     outer = reach / step
     inner = max(0.0, outer - 0.5)
     for iy in range(max(0, math.ceil(cy - outer)), min(ny - 1, math.floor(cy + outer)) + 1):

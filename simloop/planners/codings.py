@@ -1,0 +1,203 @@
+"""How a vector becomes a path, and a path a vector; the paths' objective over such vectors.
+
+box: x, y of each inner waypoint within the bounds (Sabiha 2022). crosslines: the start-goal line
+cut by equidistant lines across it, one coordinate a line (Wu 2016, Eq. 8): x' to the right.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from simloop.messages import FloatArray
+from simloop.planners.clearance import Problem, point_clearance
+from simloop.planners.objective import evaluate, length_and_turning, make_stack
+
+CODINGS = ("box", "crosslines")
+_MOST_ACROSS = 1.0
+_NEAREST_M = 1e-3
+
+
+class Coding(NamedTuple):
+    """kind: index in `CODINGS`; points: inner waypoints; low, high: (d,) the vectors' box.
+
+    along_x, along_y: unit vector from start to goal; reach: their distance, m.
+    """
+
+    kind: int
+    points: int
+    low: FloatArray
+    high: FloatArray
+    along_x: float
+    along_y: float
+    reach: float
+
+
+def make_coding(p: Problem, name: str, points: int) -> Coding:
+    """The coding of paths with ``points`` inner waypoints for a problem."""
+    dx, dy = p.goal_x - p.start_x, p.goal_y - p.start_y
+    reach = math.hypot(dx, dy)
+    ux, uy = (dx / reach, dy / reach) if reach > 0.0 else (1.0, 0.0)
+    kind = CODINGS.index(name)
+    if kind == 0:
+        low, high = np.tile([p.low_x, p.low_y], points), np.tile([p.high_x, p.high_y], points)
+    else:
+        low, high = np.empty(points), np.empty(points)
+        for i in range(points):
+            t = reach * (i + 1) / (points + 1)
+            low[i], high[i] = _across(p, p.start_x + t * ux, p.start_y + t * uy, uy, -ux, reach)
+    return Coding(kind, points, low, high, ux, uy, reach)
+
+
+def _across(
+    p: Problem, x: float, y: float, nx: float, ny: float, reach: float
+) -> tuple[float, float]:
+    """Between which s the line (x, y) + s n stays in the bounds, no further than the path's reach
+    (a robot's own bounds may be far away)."""
+    low, high = -_MOST_ACROSS * reach, _MOST_ACROSS * reach
+    for at, n, first, last in ((x, nx, p.low_x, p.high_x), (y, ny, p.low_y, p.high_y)):
+        if abs(n) > 1e-12:
+            a, b = sorted(((first - at) / n, (last - at) / n))
+            low, high = max(low, a), min(high, b)
+    return (low, high) if low <= high else (0.0, 0.0)
+
+
+@njit(cache=True)
+def decode(p: Problem, coding: Coding, x: FloatArray, path: FloatArray) -> int:
+    """Write the waypoints of a vector (d,) into path; their count, both ends included."""
+    m = coding.points + 2
+    path[0, 0], path[0, 1] = p.start_x, p.start_y
+    path[m - 1, 0], path[m - 1, 1] = p.goal_x, p.goal_y
+    for i in range(coding.points):
+        if coding.kind == 0:
+            path[i + 1, 0], path[i + 1, 1] = x[2 * i], x[2 * i + 1]
+        else:
+            t = coding.reach * (i + 1) / (coding.points + 1)
+            path[i + 1, 0] = p.start_x + t * coding.along_x + x[i] * coding.along_y
+            path[i + 1, 1] = p.start_y + t * coding.along_y - x[i] * coding.along_x
+    return m
+
+
+def encode(p: Problem, coding: Coding, path: FloatArray) -> FloatArray:
+    """The vector of a path (m, 2) of any number of waypoints; with cross lines, where it first
+    crosses each of them."""
+    if coding.kind == 0:
+        return np.clip(_with_points(path, coding.points).ravel(), coding.low, coding.high)
+    along = (path[:, 0] - p.start_x) * coding.along_x + (path[:, 1] - p.start_y) * coding.along_y
+    right = (path[:, 0] - p.start_x) * coding.along_y - (path[:, 1] - p.start_y) * coding.along_x
+    x = np.zeros(coding.points)
+    for i in range(coding.points):
+        t = coding.reach * (i + 1) / (coding.points + 1)
+        k = max(1, int(np.argmax(along >= t)))
+        step = along[k] - along[k - 1]
+        share = (t - along[k - 1]) / step if step > 0.0 else 0.0
+        x[i] = right[k - 1] + share * (right[k] - right[k - 1])
+    return np.clip(x, coding.low, coding.high)
+
+
+def _with_points(path: FloatArray, count: int) -> FloatArray:
+    """The inner waypoints (count, 2) of a path made to have so many: the longest legs are halved,
+    or the points of least detour dropped."""
+    points = [np.asarray(point, dtype=np.float64) for point in path]
+    while len(points) - 2 < count:
+        legs = [math.dist(a, b) for a, b in itertools.pairwise(points)]
+        k = int(np.argmax(legs))
+        points.insert(k + 1, 0.5 * (points[k] + points[k + 1]))
+    while len(points) - 2 > count:
+        detours = [
+            math.dist(points[i - 1], points[i])
+            + math.dist(points[i], points[i + 1])
+            - math.dist(points[i - 1], points[i + 1])
+            for i in range(1, len(points) - 1)
+        ]
+        points.pop(1 + int(np.argmin(detours)))
+    return np.array(points[1:-1]).reshape(-1, 2)
+
+
+@njit(cache=True)
+def _whole_curve_costs(
+    p: Problem,
+    coding: Coding,
+    x: FloatArray,
+    out: FloatArray,
+    bounds: FloatArray,
+    path: FloatArray,
+    stack: FloatArray,
+) -> None:
+    for k in range(x.shape[0]):
+        m = decode(p, coding, x[k], path)
+        out[k] = evaluate(p, path, m, bounds[k], stack)
+
+
+@njit(cache=True)
+def examined_penalty(p: Problem, path: FloatArray, m: int, examined: int) -> float:
+    """Sum of R, Eq. 17, one a obstacle as Eq. 16 has it: 1/d - 1/delta, d to the nearest of the
+    inner waypoints and of ``examined`` points within each segment. A distance field has no centres:
+    there d is the least clearance and delta the safe distance."""
+    in_field = p.field.size > 0
+    total = 0.0
+    for k in range(1 if in_field else p.discs.shape[1]):
+        delta = p.safe_m if in_field else p.discs[2, k] + p.safe_m
+        d = np.inf
+        for i in range(m - 1):
+            for n in range(examined + 1):
+                if i == 0 and n == 0:
+                    continue
+                t = n / (examined + 1)
+                x = path[i, 0] + t * (path[i + 1, 0] - path[i, 0])
+                y = path[i, 1] + t * (path[i + 1, 1] - path[i, 1])
+                if in_field:
+                    d = min(d, point_clearance(p, x, y))
+                else:
+                    d = min(d, math.hypot(x - p.discs[0, k], y - p.discs[1, k]))
+        if d < delta:
+            total += 1.0 / max(d, _NEAREST_M) - 1.0 / delta
+    return total
+
+
+@njit(cache=True)
+def _examined_costs(
+    p: Problem,
+    coding: Coding,
+    x: FloatArray,
+    out: FloatArray,
+    bounds: FloatArray,
+    examined: int,
+    path: FloatArray,
+) -> None:
+    for k in range(x.shape[0]):
+        p.trials[0] += 1
+        m = decode(p, coding, x[k], path)
+        length, turning = length_and_turning(path, m)
+        out[k] = p.length_weight * length + p.turning_weight * turning
+        if out[k] <= bounds[k]:  # else length and turning alone already lose
+            out[k] += p.penalty * examined_penalty(p, path, m, examined)
+
+
+class PathObjective:
+    """An `Objective` over coded paths. examined: where the clearance is not that of the whole
+    curve, at how many points within each segment it is looked at besides the waypoints."""
+
+    def __init__(self, problem: Problem, coding: Coding, examined: int | None = None) -> None:
+        self.problem, self.coding = problem, coding
+        self.low, self.high = coding.low, coding.high
+        self._examined = examined
+        self._path, self._stack = np.zeros((coding.points + 2, 2)), make_stack()
+
+    def costs(self, x: FloatArray, out: FloatArray, bounds: FloatArray) -> None:
+        """As `Objective.costs`."""
+        p, coding, path = self.problem, self.coding, self._path
+        if self._examined is None:
+            _whole_curve_costs(p, coding, x, out, bounds, path, self._stack)
+        else:
+            _examined_costs(p, coding, x, out, bounds, self._examined, path)
+
+    def path(self, x: FloatArray) -> FloatArray:
+        """The waypoints (points + 2, 2) of a vector."""
+        out = np.zeros((self.coding.points + 2, 2))
+        decode(self.problem, self.coding, x, out)
+        return out

@@ -1,0 +1,120 @@
+"""Convex polygons as obstacles: exact clearance of a segment."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit
+
+from simloop.messages import FloatArray
+from simloop.planners.cells import FREE_M
+
+
+def flatten_polygons(
+    polygons: Sequence[FloatArray],
+) -> FloatArray:
+    """Corners (N, 3) of all polygons, one after the other, each counter-clockwise: x, y, and the
+    row where its polygon ends. One array, for each that a `Problem` holds costs every call.
+
+    Raises ValueError where one is not a convex polygon with an area.
+    """
+    turned = []
+    for number, polygon in enumerate(polygons):
+        corners = np.asarray(polygon, dtype=np.float64).reshape(-1, 2)
+        edges = np.roll(corners, -1, axis=0) - corners
+        onward = np.roll(edges, -1, axis=0)
+        cross = edges[:, 0] * onward[:, 1] - edges[:, 1] * onward[:, 0]
+        around = np.abs(np.arctan2(cross, (edges * onward).sum(axis=1))).sum()
+        convex = (cross >= 0.0).all() or (cross <= 0.0).all()
+        if len(corners) < 3 or not cross.any() or not convex or around > 6.5:
+            raise ValueError(f"polygon {number} is not convex, or has no area")
+        keep = np.hypot(edges[:, 0], edges[:, 1]) > 0.0
+        turned.append(corners[keep] if cross.sum() > 0.0 else corners[keep][::-1])
+    sizes = [len(corners) for corners in turned]
+    flat = np.concatenate(turned) if turned else np.zeros((0, 2))
+    return np.column_stack([flat, np.repeat(np.cumsum(sizes), sizes)])
+
+
+@njit(cache=True)
+def _outline_distance(
+    corners: FloatArray,
+    first: int,
+    last: int,
+    ax: float,
+    ay: float,
+    bx: float,
+    by: float,
+) -> float:
+    """Distance of the segment a-b to the edges of polygon [first, last), 0 where it meets one."""
+    least = np.inf
+    dx, dy = bx - ax, by - ay
+    square = dx * dx + dy * dy
+    for i in range(first, last):
+        k = i + 1 if i + 1 < last else first
+        px, py, qx, qy = corners[i, 0], corners[i, 1], corners[k, 0], corners[k, 1]
+        ex, ey = qx - px, qy - py
+        sa = ex * (ay - py) - ey * (ax - px)
+        sb = ex * (by - py) - ey * (bx - px)
+        sp = dx * (py - ay) - dy * (px - ax)
+        sq = dx * (qy - ay) - dy * (qx - ax)
+        if sa * sb < 0.0 and sp * sq < 0.0:
+            return 0.0
+        edge = ex * ex + ey * ey
+        for x, y in ((ax, ay), (bx, by)):
+            t = min(max(((x - px) * ex + (y - py) * ey) / edge, 0.0), 1.0)
+            least = min(least, math.hypot(x - px - t * ex, y - py - t * ey))
+        t = min(max(((px - ax) * dx + (py - ay) * dy) / square, 0.0), 1.0) if square > 0.0 else 0.0
+        least = min(least, math.hypot(ax + t * dx - px, ay + t * dy - py))
+    return least
+
+
+@njit(cache=True)
+def _depth_at(
+    corners: FloatArray, first: int, last: int, x: float, y: float
+) -> tuple[float, int]:
+    """Signed distance to the nearest of a polygon's edge lines, negative inside; which line."""
+    most, which = -np.inf, first
+    for i in range(first, last):
+        k = i + 1 if i + 1 < last else first
+        ex, ey = corners[k, 0] - corners[i, 0], corners[k, 1] - corners[i, 1]
+        out = (ey * (x - corners[i, 0]) - ex * (y - corners[i, 1])) / math.hypot(ex, ey)
+        if out > most:
+            most, which = out, i
+    return most, which
+
+
+@njit(cache=True)
+def polygon_clearance(
+    corners: FloatArray,
+    ax: float,
+    ay: float,
+    bx: float,
+    by: float,
+) -> float:
+    """Exact clearance of a segment among the polygons, m; negative where it cuts one: its deepest.
+
+    Depth is convex along the segment, so that bisection on its slope finds the deepest point.
+    """
+    clearance = FREE_M
+    first = 0
+    while first < corners.shape[0]:
+        last = int(corners[first, 2])
+        low, high = 0.0, 1.0
+        for _ in range(50):
+            t = 0.5 * (low + high)
+            _, i = _depth_at(corners, first, last, ax + t * (bx - ax), ay + t * (by - ay))
+            k = i + 1 if i + 1 < last else first
+            ex, ey = corners[k, 0] - corners[i, 0], corners[k, 1] - corners[i, 1]
+            if ey * (bx - ax) - ex * (by - ay) > 0.0:
+                high = t
+            else:
+                low = t
+        t = 0.5 * (low + high)
+        deepest, _ = _depth_at(corners, first, last, ax + t * (bx - ax), ay + t * (by - ay))
+        if deepest > 0.0:
+            deepest = _outline_distance(corners, first, last, ax, ay, bx, by)
+        clearance = min(clearance, deepest)
+        first = last
+    return clearance

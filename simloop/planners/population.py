@@ -1,0 +1,249 @@
+"""One engine for every metaheuristic: population, evaluation, bounds, duplicates, budget, history.
+
+How a rule plugs in
+-------------------
+Subclass `Rule`; give it a ``name``, ``Options`` (a frozen dataclass of its parameters with their
+usual values) and ``generation(population)``. That method calls one compiled kernel of the rule's
+own, which reads ``population.x`` (n, d) and ``population.cost`` (n,) and writes
+``population.candidate`` (n, d); then it calls ``population.offer()`` (greedy: each candidate
+replaces its own parent if better) or ``population.replace()`` (generational). All else is done
+here and by `simloop.planners.population_planner`: drawing, bounds, evaluating, budget, history.
+Add the rule's name and a line about it to ``simloop/planners/__init__.py``.
+
+The budget counts evaluations of a whole candidate and is never exceeded; what it no longer covers
+costs infinity. All chance comes from ``population.state`` (`simloop.planners.splitmix`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+from numba import njit
+
+from simloop.messages import FloatArray
+from simloop.planners.splitmix import State, below, uniform
+
+
+class Objective(Protocol):
+    """What is minimised over a box: low, high (d,)."""
+
+    low: FloatArray
+    high: FloatArray
+
+    def costs(self, x: FloatArray, out: FloatArray, bounds: FloatArray) -> None:
+        """out[k] = cost of x[k]; some value above bounds[k] will do where the cost is above it."""
+        ...
+
+
+@njit(cache=True)
+def draw_uniform(x: FloatArray, low: FloatArray, high: FloatArray, state: State) -> None:
+    """Fill x (n, d) uniformly in the box."""
+    for k in range(x.shape[0]):
+        for j in range(x.shape[1]):
+            x[k, j] = low[j] + uniform(state) * (high[j] - low[j])
+
+
+@njit(cache=True)
+def _keep_inside(x: FloatArray, low: FloatArray, high: FloatArray, reflect: bool) -> None:
+    """Clip to the box, or fold back into it at its walls; what is not finite goes to the middle."""
+    for k in range(x.shape[0]):
+        for j in range(x.shape[1]):
+            value = x[k, j]
+            if not np.isfinite(value):
+                value = 0.5 * (low[j] + high[j])
+            if reflect and value < low[j]:
+                value = 2.0 * low[j] - value
+            elif reflect and value > high[j]:
+                value = 2.0 * high[j] - value
+            x[k, j] = min(max(value, low[j]), high[j])
+
+
+@njit(cache=True)
+def _accept(
+    x: FloatArray,
+    cost: FloatArray,
+    candidate: FloatArray,
+    offered: FloatArray,
+    improved: FloatArray,
+) -> None:
+    """Greedy acceptance, one by one; improved[k] is 1 where the candidate was taken."""
+    for k in range(cost.size):
+        improved[k] = 1.0 if offered[k] < cost[k] else 0.0
+        if offered[k] < cost[k]:
+            cost[k] = offered[k]
+            x[k] = candidate[k]
+
+
+@njit(cache=True)
+def _move_duplicates(
+    x: FloatArray, cost: FloatArray, low: FloatArray, high: FloatArray, state: State
+) -> int:
+    """Redraw one coordinate of each row that equals another; its cost becomes NaN. How many."""
+    moved = 0
+    order = np.argsort(cost, kind="mergesort")
+    for i in range(1, cost.size):
+        a, b = order[i - 1], order[i]
+        same = True
+        for j in range(x.shape[1]):
+            if x[a, j] != x[b, j]:
+                same = False
+                break
+        if same:
+            j = below(state, x.shape[1])
+            x[a, j] = low[j] + uniform(state) * (high[j] - low[j])
+            cost[a] = np.nan
+            moved += 1
+    return moved
+
+
+class Population:
+    """x: (n, d), cost: (n,); best_x, best_cost: the best ever seen. history: (evaluations, best J).
+
+    budget, spent: evaluations. ``generations`` is the horizon of the rules that follow a
+    schedule: how many generations the budget has room for; ``generation`` counts those begun.
+    """
+
+    def __init__(
+        self, objective: Objective, size: int, budget: int, state: State, *, reflect: bool = False
+    ) -> None:
+        d = len(objective.low)
+        self.objective, self.state, self.budget, self.spent = objective, state, budget, 0
+        self.low = np.array(objective.low, dtype=np.float64)
+        self.high = np.array(objective.high, dtype=np.float64)
+        self.x, self.cost = np.zeros((size, d)), np.full(size, np.inf)
+        self.candidate, self.offered = np.zeros((size, d)), np.full(size, np.inf)
+        self.improved = np.zeros(size)
+        self.best_x, self.best_cost = np.zeros(d), np.inf
+        self.history: list[tuple[int, float]] = []
+        self.generation, self.generations = 0, 1
+        self._reflect = reflect
+
+    @property
+    def size(self) -> int:
+        """How many individuals."""
+        return len(self.cost)
+
+    @property
+    def progress(self) -> float:
+        """Share of the schedule that is over, 0 to 1."""
+        return min(1.0, self.generation / self.generations)
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether not a single evaluation is left."""
+        return self.spent >= self.budget
+
+    def draw(self, first: FloatArray | None = None) -> None:
+        """Draw and evaluate the first population; ``first`` (m <= n, d) are given seeds."""
+        draw_uniform(self.x, self.low, self.high, self.state)
+        if first is not None:
+            count = min(len(first), self.size)
+            self.x[:count] = first[:count]
+        _keep_inside(self.x, self.low, self.high, False)
+        self.evaluate(self.x, self.cost)
+
+    def evaluate(
+        self, x: FloatArray, out: FloatArray, bounds: FloatArray | None = None
+    ) -> None:
+        """Costs of rows x into out, as far as the budget goes; keeps the best and the history."""
+        count = min(len(x), max(0, self.budget - self.spent))
+        limit = np.full(len(x), np.inf) if bounds is None else bounds
+        out[count:] = np.inf
+        if count == 0:
+            return
+        self.objective.costs(x[:count], out[:count], limit[:count])
+        self.spent += count
+        k = int(np.argmin(out[:count]))
+        if out[k] < self.best_cost:
+            self.best_cost = float(out[k])
+            self.best_x[:] = x[k]
+            self.history.append((self.spent, self.best_cost))
+
+    def offer(self) -> None:
+        """Evaluate the candidates; each replaces its own parent where it is better."""
+        _keep_inside(self.candidate, self.low, self.high, self._reflect)
+        self.evaluate(self.candidate, self.offered, self.cost)
+        _accept(self.x, self.cost, self.candidate, self.offered, self.improved)
+
+    def price(self) -> None:
+        """Put the candidates into the box and their costs, in full, into ``offered``."""
+        _keep_inside(self.candidate, self.low, self.high, self._reflect)
+        self.evaluate(self.candidate, self.offered)
+
+    def replace(self) -> None:
+        """The candidates become the population, better or not."""
+        self.price()
+        self.x[:], self.cost[:] = self.candidate, self.offered
+
+    def remove_duplicates(self) -> int:
+        """Mutate one coordinate of each individual that equals another; how many were moved."""
+        moved = _move_duplicates(self.x, self.cost, self.low, self.high, self.state)
+        if moved:
+            at = np.flatnonzero(np.isnan(self.cost))
+            costs = np.empty(len(at))
+            self.evaluate(self.x[at], costs)
+            self.cost[at] = costs
+        return moved
+
+
+@dataclass(frozen=True, slots=True)
+class NoOptions:
+    """A rule without parameters of its own."""
+
+
+class Rule:
+    """Base of the update rules; a new one is made for each plan, so it may keep memory."""
+
+    name: ClassVar[str] = ""
+    Options: ClassVar[Any] = NoOptions
+    coding: ClassVar[str] = "box"
+    """How a vector becomes a path, see `simloop.planners.codings`."""
+    points: ClassVar[int] = 8
+    """Inner waypoints of a path."""
+    seeding: ClassVar[str] = "seeded"
+    """Where the first population comes from, see `simloop.planners.population_planner.Setup`."""
+    evaluations: ClassVar[float] = 1.0
+    """Evaluations an individual a generation."""
+    scheduled: ClassVar[bool] = False
+    """Whether it follows a schedule over the whole budget, so that idling does not end it."""
+    reflect: ClassVar[bool] = False
+    invariant: ClassVar[tuple[str, ...]] = ("shift", "mirror", "scale")
+    """Changes of the world under which its results agree: shift, rotate, mirror, scale."""
+
+    def __init__(self, options: Any = None) -> None:
+        self.options = self.Options() if options is None else options
+
+    @property
+    def examined(self) -> int | None:
+        """At how many points within a segment clearance is looked at; None: all along the curve."""
+        return None
+
+    def begin(self, population: Population) -> None:
+        """Called once, with the first population evaluated."""
+
+    def generation(self, population: Population) -> None:
+        """One generation."""
+        raise NotImplementedError
+
+
+def minimise(
+    rule: Rule, population: Population, first: FloatArray | None = None, *, idle: int = 10**9
+) -> int:
+    """Run a rule until the budget is spent or ``idle`` generations bring nothing; generations."""
+    population.draw(first)
+    each = max(1, round(rule.evaluations * population.size))
+    left = population.budget - population.spent
+    population.generations = max(1, left // each)
+    rule.begin(population)
+    idling, last = 0, population.best_cost
+    while not population.exhausted and (rule.scheduled or idling < idle):
+        spent = population.spent
+        population.generation += 1
+        rule.generation(population)
+        idling = 0 if population.best_cost < last else idling + 1
+        last = population.best_cost
+        if population.spent == spent and idling > idle:
+            break
+    return population.generation

@@ -1,0 +1,130 @@
+"""A rule, a coding, a first population and a budget make a planner."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from simloop.config import PlannerConfig, VehicleConfig
+from simloop.errors import did_you_mean
+from simloop.messages import FloatArray, Plan, WorldView
+from simloop.planners.clearance import Problem
+from simloop.planners.codings import CODINGS, PathObjective, encode, make_coding
+from simloop.planners.objective import intrusion, length_and_turning, make_stack
+from simloop.planners.population import Population, Rule, minimise
+from simloop.planners.rollout import problem_of
+from simloop.planners.seeds import seeded
+from simloop.planners.splitmix import make_state
+from simloop.planners.warm import way_ahead
+
+_SEEDINGS = ("seeded", "uniform")
+_SHOWN = 12
+_HERE_M = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """What every rule's planner understands of ``[planner.options]``.
+
+    points: inner waypoints. coding: see `simloop.planners.codings`. seeding: ``seeded`` (routes and
+    bends) or ``uniform`` (as the papers print). 0 or empty: the rule's own.
+    """
+
+    points: int = 0
+    coding: str = ""
+    seeding: str = ""
+
+
+def read_options(rule: type[Rule], given: dict[str, Any]) -> tuple[Setup, Any]:
+    """Split and check ``[planner.options]``; a one-line ValueError says what is wrong."""
+    known = {f.name: f.default for f in (*fields(Setup), *fields(rule.Options))}
+    for key, value in given.items():
+        if key not in known:
+            raise ValueError(f"unknown option '{key}'{did_you_mean(key, known)}")
+        default: Any = known[key]
+        wanted = (int, float) if isinstance(default, float) else type(default)
+        if not isinstance(value, wanted) or (isinstance(value, bool) and default is not value):
+            kind = {int: "a whole number", float: "a number", str: "a text"}[type(default)]
+            raise ValueError(f"option {key}: must be {kind}, not {value!r}")
+        if not isinstance(value, str) and not 0 <= value <= 1e6:
+            raise ValueError(f"option {key}: must be between 0 and 1e6, not {value!r}")
+    own = {f.name for f in fields(Setup)}
+    setup = Setup(**{k: v for k, v in given.items() if k in own})
+    for key, names in (("coding", CODINGS), ("seeding", _SEEDINGS)):
+        value = getattr(setup, key)
+        if value and value not in names:
+            raise ValueError(f"option {key}: '{value}' is none of {', '.join(names)}")
+    if not 0 <= setup.points <= 100:
+        raise ValueError(f"option points: must be between 0 and 100, not {setup.points}")
+    return setup, rule.Options(**{k: v for k, v in given.items() if k not in own})
+
+
+class PopulationPlanner:
+    """Keeps `simloop.planners.protocol.Planner`."""
+
+    def __init__(self, rule: type[Rule], config: PlannerConfig, vehicle: VehicleConfig) -> None:
+        self._rule, self._config, self.name = rule, config, rule.name
+        self._setup, self._options = read_options(rule, dict(config.options))
+        self._overhang = max(vehicle.footprint_offsets_m)
+
+    def plan(
+        self,
+        world: WorldView,
+        start: FloatArray,
+        goal: FloatArray,
+        rng: np.random.Generator,
+        *,
+        previous: Plan | None = None,
+        reason: str = "frame",
+    ) -> Plan:
+        """As the protocol says. What lies ahead of ``previous`` is in a seeded first population;
+        rules that begin uniformly, as the papers print them, begin anew."""
+        config = self._config
+        problem = problem_of(config, self._overhang, world, start, goal)
+        population, objective, generations = self._search(problem, rng, previous)
+        path = objective.path(population.best_x)
+        if math.dist(start[:2], goal) < _HERE_M:
+            path = np.array([start[:2], goal], dtype=np.float64)
+        lack = intrusion(problem, path, len(path), np.inf, make_stack())
+        length, turning = length_and_turning(path, len(path))
+        plain = config.length_weight * length + config.turning_weight * turning
+        shown = np.argsort(population.cost, kind="mergesort")[:_SHOWN]
+        return Plan(
+            t_ns=world.t_ns,
+            waypoints_m=path,
+            cost=plain + config.penalty * lack,
+            length_m=length,
+            turning_rad=turning,
+            safe=lack == 0.0,
+            evaluations=population.spent,
+            generations=generations,
+            planner=self.name,
+            reason=reason,
+            candidates_m=tuple(objective.path(population.x[k]) for k in shown),
+            history=np.array(population.history, dtype=np.float64).reshape(-1, 2),
+        )
+
+    def _search(
+        self, problem: Problem, rng: np.random.Generator, previous: Plan | None
+    ) -> tuple[Population, PathObjective, int]:
+        config, setup, rule = self._config, self._setup, self._rule(self._options)
+        coding = make_coding(problem, setup.coding or rule.coding, setup.points or rule.points)
+        objective = PathObjective(problem, coding, rule.examined)
+        state = make_state(rng)
+        population = Population(
+            objective, config.learners, config.max_evaluations, state, reflect=rule.reflect
+        )
+        first = None
+        if (setup.seeding or rule.seeding) == "seeded":
+            first = seeded(problem, coding, config.learners, state)
+            old_way = way_ahead(problem, previous)
+            if old_way is not None:
+                first[-1] = encode(problem, coding, old_way)
+            # What the routes took is part of the account, but leaves room for one population.
+            most = max(0, config.max_evaluations - config.learners)
+            population.spent = min(int(problem.trials[0]), most)
+        generations = minimise(rule, population, first, idle=config.idle_generations)
+        return population, objective, generations

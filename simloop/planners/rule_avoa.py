@@ -1,0 +1,118 @@
+"""African vultures optimisation (Abdollahzadeh, Gharehchopogh, Mirjalili 2021), whose print in
+Abed 2022 is garbled: Eqs. 1-18 of the original are taken."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from simloop.messages import FloatArray
+from simloop.planners.population import Population, Rule
+from simloop.planners.splitmix import State, normal, uniform
+
+_LEVY = 1.5
+_TINY = 1e-15
+
+
+@dataclass(frozen=True, slots=True)
+class AvoaOptions:
+    """p1, p2, p3: chances of the first way of each phase; first: chance to follow the best vulture
+    and not the second (L1); gamma (w): how early exploration ends; levy_step of the flight."""
+
+    p1: float = 0.6
+    p2: float = 0.4
+    p3: float = 0.6
+    first: float = 0.8
+    gamma: float = 2.5
+    levy_step: float = 0.01
+
+
+@njit(cache=True)
+def soar(
+    x: FloatArray,
+    candidate: FloatArray,
+    best: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    hunger: float,
+    p1: float,
+    p2: float,
+    p3: float,
+    first: float,
+    levy_step: float,
+    state: State,
+) -> None:
+    """One move of all vultures. best: (2, d) the two best; hunger: what multiplies z in Eq. 4."""
+    n, d = x.shape
+    sigma = math.gamma(1.0 + _LEVY) * math.sin(0.5 * math.pi * _LEVY)
+    sigma /= math.gamma(0.5 * (1.0 + _LEVY)) * _LEVY * 2.0 ** (0.5 * (_LEVY - 1.0))
+    sigma = sigma ** (1.0 / _LEVY)
+    for k in range(n):
+        f = hunger * (2.0 * uniform(state) - 1.0)
+        r = best[0] if uniform(state) < first else best[1]
+        a, b, c = uniform(state), uniform(state), uniform(state)
+        for j in range(d):
+            here = x[k, j]
+            apart = abs(r[j] - here)
+            around = abs(2.0 * b * r[j] - here)
+            if abs(f) >= 1.0:
+                if a < p1:
+                    y = r[j] - around * f
+                else:
+                    y = r[j] - f + b * ((high[j] - low[j]) * c + low[j])
+            elif abs(f) >= 0.5:
+                if a < p3:
+                    y = around * (f + c) - (r[j] - here)
+                else:
+                    turn = r[j] * here / (2.0 * math.pi)
+                    y = r[j] - turn * (b * math.cos(here) + c * math.sin(here))
+            elif a < p2:
+                y = 0.0
+                for i in range(2):
+                    v = best[i, j]
+                    y += 0.5 * (v - v * here / (v - here * here + _TINY) * f)
+            else:
+                fly = normal(state) * sigma / abs(normal(state)) ** (1.0 / _LEVY)
+                y = r[j] - apart * f * levy_step * fly
+            candidate[k, j] = y
+
+
+class AfricanVultures(Rule):
+    """Every vulture moves whether that is better or not; the two best ever seen lead."""
+
+    name = "avoa"
+    Options = AvoaOptions
+    scheduled = True
+    invariant = ()
+
+    def begin(self, population: Population) -> None:
+        self._best_x = np.zeros((2, population.x.shape[1]))
+        self._best_cost = np.full(2, np.inf)
+        self._remember(population)
+
+    def _remember(self, p: Population) -> None:
+        """Keep the two best positions seen, different ones."""
+        for k in np.argsort(p.cost, kind="mergesort")[:2]:
+            if p.cost[k] < self._best_cost[0]:
+                self._best_x[1], self._best_cost[1] = self._best_x[0], self._best_cost[0]
+                self._best_x[0], self._best_cost[0] = p.x[k], p.cost[k]
+            elif self._best_cost[0] < p.cost[k] < self._best_cost[1]:
+                self._best_x[1], self._best_cost[1] = p.x[k], p.cost[k]
+        if not np.isfinite(self._best_cost[1]):
+            self._best_x[1] = self._best_x[0]
+
+    def generation(self, population: Population) -> None:
+        p, o = population, self.options
+        quarter = 0.5 * math.pi * p.progress
+        h = 4.0 * uniform(p.state) - 2.0
+        t = h * (math.sin(quarter) ** o.gamma + math.cos(quarter) - 1.0)  # Eq. 3
+        hunger = (2.0 * uniform(p.state) + 1.0) * (1.0 - p.progress) + t  # Eq. 4
+        soar(
+            p.x, p.candidate, self._best_x, p.low, p.high, hunger,
+            o.p1, o.p2, o.p3, o.first, o.levy_step, p.state,
+        )  # fmt: skip
+        p.replace()
+        self._remember(p)

@@ -1,0 +1,185 @@
+"""Particle swarms: global best (Kennedy & Eberhart 1995, Clerc & Kennedy 2002's figures), and the
+adaptive one (Zhan, Zhang, Li, Chung 2009)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numba import njit
+
+from simloop.messages import FloatArray
+from simloop.planners.population import Population, Rule
+from simloop.planners.splitmix import State, below, normal, uniform
+
+
+@dataclass(frozen=True, slots=True)
+class PsoOptions:
+    """inertia w, own c1, social c2 (Clerc & Kennedy 2002's constriction; Wu 2016 has 0.9, 2, 2);
+    speed_limit: share of the box's width a generation."""
+
+    inertia: float = 0.729
+    own: float = 1.49445
+    social: float = 1.49445
+    speed_limit: float = 0.5
+
+
+@njit(cache=True)
+def fly(
+    x: FloatArray,
+    speed: FloatArray,
+    own_x: FloatArray,
+    best_x: FloatArray,
+    candidate: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    w: float,
+    c1: float,
+    c2: float,
+    limit: float,
+    state: State,
+) -> None:
+    """v = w v + c1 r1 (own best - x) + c2 r2 (best - x), limited; candidate = x + v. A particle
+    that meets a wall of the box stops there in that coordinate."""
+    n, d = x.shape
+    for k in range(n):
+        for j in range(d):
+            v = w * speed[k, j] + c1 * uniform(state) * (own_x[k, j] - x[k, j])
+            v += c2 * uniform(state) * (best_x[j] - x[k, j])
+            most = limit * (high[j] - low[j])
+            v = min(max(v, -most), most)
+            candidate[k, j] = x[k, j] + v
+            outside = candidate[k, j] < low[j] or candidate[k, j] > high[j]
+            speed[k, j] = 0.0 if outside else v
+
+
+class ParticleSwarm(Rule):
+    """Global-best swarm; velocities begin at zero."""
+
+    name = "pso"
+    Options: ClassVar[Any] = PsoOptions
+
+    def begin(self, population: Population) -> None:
+        self._speed = np.zeros_like(population.x)
+        self._own_x, self._own_cost = population.x.copy(), population.cost.copy()
+
+    def _move(self, p: Population, w: float, c1: float, c2: float, limit: float) -> None:
+        fly(
+            p.x, self._speed, self._own_x, p.best_x, p.candidate, p.low, p.high,
+            w, c1, c2, limit, p.state,
+        )  # fmt: skip
+        p.replace()
+        better = p.cost < self._own_cost
+        self._own_x[better], self._own_cost[better] = p.x[better], p.cost[better]
+
+    def generation(self, population: Population) -> None:
+        o = self.options
+        self._move(population, o.inertia, o.own, o.social, o.speed_limit)
+
+
+@dataclass(frozen=True, slots=True)
+class ApsoOptions:
+    """speed_limit: as Zhan 2009, a fifth of the box; learn_high, learn_low: width of the elitist
+    learning's Gaussian at the start and the end."""
+
+    speed_limit: float = 0.2
+    learn_high: float = 1.0
+    learn_low: float = 0.1
+
+
+@njit(cache=True)
+def evolutionary_factor(x: FloatArray, best: int) -> float:
+    """f of Zhan 2009, Eq. 7: how far the best particle is from the others, 0 (amid) to 1."""
+    n, d = x.shape
+    least, most, at_best = np.inf, 0.0, 0.0
+    for i in range(n):
+        mean = 0.0
+        for k in range(n):
+            square = 0.0
+            for j in range(d):
+                square += (x[i, j] - x[k, j]) ** 2
+            mean += math.sqrt(square)
+        mean /= n - 1
+        least, most = min(least, mean), max(most, mean)
+        if i == best:
+            at_best = mean
+    return (at_best - least) / (most - least) if most > least else 0.0
+
+
+EXPLORE, EXPLOIT, CONVERGE, JUMP_OUT = 0, 1, 2, 3
+
+
+def memberships(f: float) -> tuple[float, float, float, float]:
+    """Fuzzy membership of f in the four states, Zhan 2009, Eqs. 8a-8d."""
+    explore = float(np.interp(f, [0.4, 0.6, 0.7, 0.8], [0.0, 1.0, 1.0, 0.0]))
+    exploit = float(np.interp(f, [0.2, 0.3, 0.4, 0.6], [0.0, 1.0, 1.0, 0.0]))
+    converge = float(np.interp(f, [0.1, 0.3], [1.0, 0.0]))
+    jump = float(np.interp(f, [0.7, 0.9], [0.0, 1.0]))
+    return explore, exploit, converge, jump
+
+
+def classify(f: float, before: int) -> int:
+    """The state, with Zhan's sequence explore -> exploit -> converge -> jump out -> explore: of
+    two that overlap the one that was stays, else the one that comes next in the sequence."""
+    likely = [s for s, m in enumerate(memberships(f)) if m > 0.0]
+    if not likely:
+        return before
+    if before in likely:
+        return before
+    follows = (before + 1) % 4
+    return follows if follows in likely else int(np.argmax(memberships(f)))
+
+
+class AdaptiveSwarm(ParticleSwarm):
+    """The swarm's figures follow its state; in convergence the best tries a jump (Zhan 2009)."""
+
+    name = "apso"
+    Options: ClassVar[Any] = ApsoOptions
+    scheduled = True
+
+    def begin(self, population: Population) -> None:
+        super().begin(population)
+        self._c1 = self._c2 = 2.0
+        self._swarm_state = EXPLORE
+
+    def generation(self, population: Population) -> None:
+        p, o = population, self.options
+        f = evolutionary_factor(p.x, int(np.argmin(p.cost)))
+        self._swarm_state = classify(f, self._swarm_state)
+        inertia = 1.0 / (1.0 + 1.5 * math.exp(-2.6 * f))  # Eq. 10
+        self._adapt(0.05 + 0.05 * uniform(p.state))
+        if self._swarm_state == CONVERGE:
+            self._elitist_learning(p)
+        self._move(p, inertia, self._c1, self._c2, o.speed_limit)
+
+    def _adapt(self, step: float) -> None:
+        """Table of Zhan 2009, Section III-C: each c in [1.5, 2.5], their sum in [3, 4]."""
+        own, social = {
+            EXPLORE: (1.0, -1.0),
+            EXPLOIT: (0.5, -0.5),
+            CONVERGE: (0.5, 0.5),
+            JUMP_OUT: (-1.0, 1.0),
+        }[self._swarm_state]
+        self._c1 = min(max(self._c1 + own * step, 1.5), 2.5)
+        self._c2 = min(max(self._c2 + social * step, 1.5), 2.5)
+        total = self._c1 + self._c2
+        if total > 4.0:
+            self._c1, self._c2 = 4.0 * self._c1 / total, 4.0 * self._c2 / total
+
+    def _elitist_learning(self, p: Population) -> None:
+        """One coordinate of the best jumps; where that does not help it replaces the worst."""
+        o = self.options
+        sigma = o.learn_high - (o.learn_high - o.learn_low) * p.progress
+        jump, cost = p.best_x.reshape(1, -1).copy(), np.empty(1)
+        j = below(p.state, jump.shape[1])
+        jump[0, j] += (p.high[j] - p.low[j]) * sigma * normal(p.state)
+        jump[0, j] = min(max(jump[0, j], p.low[j]), p.high[j])
+        best = int(np.argmin(self._own_cost))
+        p.evaluate(jump, cost)
+        if cost[0] < self._own_cost[best]:
+            self._own_x[best], self._own_cost[best] = jump[0], cost[0]
+        else:
+            worst = int(np.argmax(p.cost))
+            p.x[worst], p.cost[worst] = jump[0], cost[0]

@@ -1,0 +1,55 @@
+"""First populations of paths: the project's routes with sideways bends, the same for every rule."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from simloop.messages import FloatArray
+from simloop.planners.bends import MAX_POINTS
+from simloop.planners.clearance import Problem
+from simloop.planners.codings import Coding, encode
+from simloop.planners.objective import make_stack
+from simloop.planners.recombine import recombine
+from simloop.planners.routes import find_routes
+from simloop.planners.splitmix import State, normal
+
+_NODES, _ROUTES, _SWEEPS, _WAVES = 4000, 12, 4, 3
+_SWING = 0.05
+
+
+def find_seed_routes(problem: Problem) -> list[FloatArray]:
+    """Routes (m, 2) as the lead planner finds them, the cheapest first, then their best mixture;
+    the straight line if there is none. What they try is counted in ``problem.trials``."""
+    stack = make_stack()
+    routes = np.zeros((_ROUTES + 1, MAX_POINTS, 2))
+    counts, costs = np.zeros(_ROUTES, np.int32), np.zeros(_ROUTES)
+    found = find_routes(problem, _NODES, _SWEEPS, routes[:_ROUTES], counts, costs, stack)
+    mixed = recombine(problem, routes, counts, found, np.inf, routes[_ROUTES], stack)
+    out = [routes[k, : counts[k]] for k in range(found)]
+    if mixed > 0:
+        out.insert(0, routes[_ROUTES, :mixed])
+    ends = [[problem.start_x, problem.start_y], [problem.goal_x, problem.goal_y]]
+    return out or [np.array(ends)]
+
+
+def seeded(problem: Problem, coding: Coding, size: int, state: State) -> FloatArray:
+    """(size, d): the routes themselves, then routes with smooth sideways bends, wider and wider."""
+    routes = [encode(problem, coding, route) for route in find_seed_routes(problem)]
+    reach = max(coding.reach, 1e-9)
+    points, rows = coding.points, []
+    share = np.arange(1, points + 1) / (points + 1)
+    for k in range(size):
+        x = routes[k % len(routes)].copy()
+        if k >= len(routes):
+            wide = _SWING * reach * 2.0 * k / size
+            sizes = [wide * normal(state) / (wave + 1) for wave in range(_WAVES)]
+            bend = sum(s * np.sin(math.pi * (w + 1) * share) for w, s in enumerate(sizes))
+            if coding.kind == 0:
+                x[0::2] += bend * coding.along_y
+                x[1::2] -= bend * coding.along_x
+            else:
+                x += bend
+        rows.append(np.clip(x, coding.low, coding.high))
+    return np.array(rows)

@@ -1,0 +1,72 @@
+"""What each replan came to: its account, and its gap to the exact optimum in the same view."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from simloop.cli import run_scenario
+from simloop.config import PlannerConfig, VehicleConfig
+from simloop.plan_log import PlanLog, least_cost
+from simloop.planners.exact import exact_path
+from simloop.planners.registry import make_planner
+from simloop.planners.scenes import scene
+
+POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))
+CONFIG = PlannerConfig(safe_distance_m=0.3, start_turn_weight=0.0)
+
+
+def planned(seed=0):
+    one = scene("S1")[0]
+    rng = np.random.default_rng(seed)
+    return one, make_planner(CONFIG, POINT).plan(one.world, one.start, one.goal, rng)
+
+
+def test_a_record_holds_the_plans_account_and_its_gap():
+    one, plan = planned()
+    log = PlanLog(CONFIG)
+    for at in (1, 5):
+        log.offer(replace(plan, t_ns=at))
+        log.offer(replace(one.world, t_ns=at))
+    first, second = log.records()
+    assert replace(first, t_s=0.0) == replace(second, t_s=0.0)
+    assert (first.cost, first.evaluations) == (plan.cost, plan.evaluations)
+    assert first.exact_cost == pytest.approx(4.4250, abs=1e-4)  # J* of S1
+    assert first.gap_percent == pytest.approx(100.0 * (plan.cost / 4.4250 - 1.0), abs=3e-3)
+    assert -0.01 < first.gap_percent < 0.2
+
+
+def test_a_plan_that_is_not_safe_has_no_gap():
+    one, plan = planned()
+    log = PlanLog(CONFIG)
+    log.offer(replace(plan, safe=False))
+    log.offer(one.world)
+    assert log.records()[0].gap_percent is None and log.records()[0].exact_cost is not None
+
+
+def test_a_start_too_close_to_a_disc_makes_that_disc_alone_smaller():
+    one = scene("S1")[0]
+    start = np.array([3.2, 0.6 + 0.30 + 0.1])  # 0.1 m from the first disc
+    best = least_cost(CONFIG, one.world, start, one.goal)
+    without = exact_path(
+        one.world.discs_xyr_m[1:], one.world.bounds_m, start, one.goal, safe_m=0.3
+    )
+    assert best is not None and best >= without.cost - 1e-9
+    as_it_is = exact_path(one.world.discs_xyr_m, one.world.bounds_m, start, one.goal, safe_m=0.3)
+    assert as_it_is is None
+    assert least_cost(CONFIG, one.world, one.goal, one.goal) is None
+
+
+def test_the_result_of_a_run_holds_each_replan(tmp_path):
+    file = tmp_path / "result.json"
+    run_scenario("open", json_file=file, quiet=True)
+    figures = json.loads(file.read_text())
+    plans = figures["plans"]
+    assert len(plans) == figures["replans"] + 1
+    assert sum(p["evaluations"] for p in plans) == figures["plan_evaluations"]
+    assert plans[0]["reason"] == "first" and plans[0]["planner"] == "tlbo"
+    assert all(p["cost"] > 0.0 for p in plans)
+    assert any(p["gap_percent"] is not None for p in plans)
