@@ -1,0 +1,79 @@
+"""CMA-ES (Hansen 2016) by the library ``cma``, on the coded waypoints of the other metaheuristics.
+
+It begins about the cheapest of the same first population; where it has converged, it begins again
+about the next cheapest, with a doubled population (IPOP), until the budget is spent.
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import ClassVar
+
+import numpy as np
+
+from simloop.config import PlannerConfig, VehicleConfig
+from simloop.messages import FloatArray, WorldView
+from simloop.planners.clearance import Problem
+from simloop.planners.codings import PathObjective, make_coding
+from simloop.planners.reference import Reference, library
+from simloop.planners.seeds import seeded
+from simloop.planners.splitmix import make_state
+
+POINTS = 8
+_SIGMA = 0.02
+"""First step, in sides of the box."""
+
+
+class CmaEs(Reference):
+    """Counts one trial a path evaluated; the routes of the first population are in the account."""
+
+    name = "cma"
+    points: ClassVar[int] = POINTS
+
+    def __init__(self, config: PlannerConfig, vehicle: VehicleConfig) -> None:
+        super().__init__(config, vehicle)
+        self._cma = library("cma", self.name)
+
+    def route(self, world: WorldView, p: Problem, rng: np.random.Generator) -> FloatArray | None:
+        """The best path evaluated, safe or not."""
+        coding = make_coding(p, "box", self.points)
+        objective = PathObjective(p, coding)
+        end = int(p.trials[0]) + self.config.max_evaluations
+        first = seeded(p, coding, self.config.learners, make_state(rng))
+        p.trials[0] = min(int(p.trials[0]), end - self.config.learners)
+        costs = _costs(objective, first)
+        best_x, best = first[np.argmin(costs)], float(costs.min())
+        starts, size = np.argsort(costs, kind="mergesort"), 0
+        width = objective.high - objective.low
+        for begun in range(len(starts)):
+            if int(p.trials[0]) >= end:
+                break
+            options = {
+                "bounds": [objective.low, objective.high],
+                "CMA_stds": width,
+                "seed": int(rng.integers(1, 2**31)),
+                "verbose": -9,
+                **({"popsize": size} if size else {}),
+            }
+            start = np.clip(first[starts[begun]], objective.low, objective.high)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                search = self._cma.CMAEvolutionStrategy(start, _SIGMA, options)
+            size = 2 * search.popsize
+            while not search.stop():
+                asked = np.array(search.ask())
+                left = end - int(p.trials[0])
+                if left < len(asked):
+                    p.trials[0] = end
+                    break
+                costs = _costs(objective, asked)
+                if costs.min() < best:
+                    best, best_x = float(costs.min()), asked[np.argmin(costs)]
+                search.tell(list(asked), list(costs))
+        return objective.path(best_x)
+
+
+def _costs(objective: PathObjective, x: FloatArray) -> FloatArray:
+    out = np.empty(len(x))
+    objective.costs(np.ascontiguousarray(x), out, np.full(len(x), np.inf))
+    return out

@@ -1,0 +1,38 @@
+"""The exact optimum among discs as a planner: see `simloop.planners.exact`."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from simloop.messages import FloatArray, WorldView
+from simloop.planners.clearance import Problem
+from simloop.planners.exact import exact_path
+from simloop.planners.reference import Reference
+
+_ARC_STEP_RAD = 0.01
+
+
+class Exact(Reference):
+    """Tangent graph and Dijkstra. Its arcs are chords about discs grown by a chord's sag more."""
+
+    name = "exact"
+    worlds: ClassVar[tuple[str, ...]] = ("discs",)
+
+    def route(self, world: WorldView, p: Problem, rng: np.random.Generator) -> FloatArray | None:
+        """Counts one trial a solution: nothing is searched at random."""
+        p.trials[0] += 1
+        discs = np.column_stack([p.disc_x, p.disc_y, p.disc_r])
+        widest = float(p.disc_r.max()) + p.safe_m if len(discs) else 0.0
+        best = exact_path(
+            discs,
+            np.array([p.low_x, p.low_y, p.high_x, p.high_y]),
+            np.array([p.start_x, p.start_y]),
+            np.array([p.goal_x, p.goal_y]),
+            safe_m=p.safe_m + widest * _ARC_STEP_RAD**2 / 8.0,
+            length_weight=p.length_weight,
+            turning_weight=p.turning_weight,
+            arc_step_rad=_ARC_STEP_RAD,
+        )
+        return None if best is None else best.points_m

@@ -1,0 +1,134 @@
+"""Shortest ways on a lattice: A* (Hart, Nilsson, Raphael 1968) and Theta* (Nash et al. 2007).
+
+The lattice is laid so that the start is one of its nodes; the goal is one more, joined to the nodes
+about it. Edges go to the eight neighbours, and are checked along their whole length. Theta* also
+tries to reach a node straight from its parent's parent, and so finds ways at any angle.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from typing import ClassVar
+
+import numpy as np
+from numba import njit
+
+from simloop.messages import FloatArray, WorldView
+from simloop.planners.bends import is_clear
+from simloop.planners.clearance import Problem
+from simloop.planners.objective import make_stack
+from simloop.planners.reference import Reference
+
+NODES = 40_000
+"""About how many nodes the lattice has: its spacing follows from the space."""
+_NEAR_GOAL = 1.5  # spacings within which a node is joined to the goal
+_DX = (1, 1, 0, -1, -1, -1, 0, 1)
+_DY = (0, 1, 1, 1, 0, -1, -1, -1)
+
+
+def spacing(p: Problem) -> float:
+    """Distance of neighbouring nodes, m."""
+    low_x, high_x = min(p.low_x, p.start_x, p.goal_x), max(p.high_x, p.start_x, p.goal_x)
+    low_y, high_y = min(p.low_y, p.start_y, p.goal_y), max(p.high_y, p.start_y, p.goal_y)
+    return math.sqrt(max((high_x - low_x) * (high_y - low_y), 1e-12) / NODES)
+
+
+@njit(cache=True)
+def _clear(
+    p: Problem, ax: float, ay: float, bx: float, by: float, ends: FloatArray, stack: FloatArray
+) -> bool:
+    ends[0, 0], ends[0, 1], ends[1, 0], ends[1, 1] = ax, ay, bx, by
+    return is_clear(p, ends[0], ends[1], stack)
+
+
+@njit(cache=True)
+def shortest_way(p: Problem, step: float, any_angle: bool, stack: FloatArray) -> FloatArray:
+    """Waypoints (n, 2) of the shortest way from start to goal; (0, 2) if there is none.
+
+    The goal's node has the last number. Lengths are exact, so the straight line's is a lower bound.
+    """
+    low_x, low_y = min(p.low_x, p.start_x, p.goal_x), min(p.low_y, p.start_y, p.goal_y)
+    high_x, high_y = max(p.high_x, p.start_x, p.goal_x), max(p.high_y, p.start_y, p.goal_y)
+    left, down = int((p.start_x - low_x) / step), int((p.start_y - low_y) / step)
+    cols = left + int((high_x - p.start_x) / step) + 1
+    rows = down + int((high_y - p.start_y) / step) + 1
+    count = rows * cols
+    x, y = np.empty(count + 1), np.empty(count + 1)
+    for k in range(count):
+        x[k] = p.start_x + (k % cols - left) * step
+        y[k] = p.start_y + (k // cols - down) * step
+    x[count], y[count] = p.goal_x, p.goal_y
+    far, parent = np.full(count + 1, np.inf), np.full(count + 1, -1, dtype=np.int64)
+    closed, ends = np.zeros(count + 1, dtype=np.bool_), np.empty((2, 2))
+    first = down * cols + left
+    far[first], parent[first] = 0.0, first
+    queue = [(math.hypot(p.goal_x - p.start_x, p.goal_y - p.start_y), first)]
+    while len(queue) > 0:
+        _, k = heapq.heappop(queue)
+        if closed[k]:
+            continue
+        closed[k] = True
+        if k == count:
+            return _unwind(x, y, parent, first, count)
+        joins_goal = math.hypot(p.goal_x - x[k], p.goal_y - y[k]) <= _NEAR_GOAL * step
+        for n in range(9):
+            if n == 8:
+                j = count
+                if not joins_goal:
+                    continue
+            else:
+                i, row = k % cols + _DX[n], k // cols + _DY[n]
+                if i < 0 or i >= cols or row < 0 or row >= rows:
+                    continue
+                j = row * cols + i
+            if closed[j]:
+                continue
+            from_k = far[k] + math.hypot(x[j] - x[k], y[j] - y[k])
+            source = k
+            if any_angle:
+                above = parent[k]
+                from_above = far[above] + math.hypot(x[j] - x[above], y[j] - y[above])
+                shorter = from_above < far[j] and above != k
+                if shorter and _clear(p, x[above], y[above], x[j], y[j], ends, stack):
+                    source, from_k = above, from_above
+            if from_k >= far[j]:
+                continue
+            if source == k and not _clear(p, x[k], y[k], x[j], y[j], ends, stack):
+                continue
+            far[j], parent[j] = from_k, source
+            ahead = math.hypot(p.goal_x - x[j], p.goal_y - y[j])
+            heapq.heappush(queue, (from_k + ahead, j))
+    return np.zeros((0, 2))
+
+
+@njit(cache=True)
+def _unwind(x: FloatArray, y: FloatArray, parent: FloatArray, first: int, last: int) -> FloatArray:
+    count, k = 1, last
+    while k != first:
+        k = parent[k]
+        count += 1
+    path, k = np.empty((count, 2)), last
+    for i in range(count - 1, -1, -1):
+        path[i, 0], path[i, 1] = x[k], y[k]
+        k = parent[k]
+    return path
+
+
+class GridAStar(Reference):
+    """Shortest among ways along the lattice's edges."""
+
+    name = "astar"
+    any_angle: ClassVar[bool] = False
+
+    def route(self, world: WorldView, p: Problem, rng: np.random.Generator) -> FloatArray | None:
+        """A trial is one edge or line of sight."""
+        way = shortest_way(p, spacing(p), self.any_angle, make_stack())
+        return way if len(way) else None
+
+
+class ThetaStar(GridAStar):
+    """Any angle: a good way, if not always the shortest."""
+
+    name = "theta_star"
+    any_angle = True

@@ -1,0 +1,156 @@
+"""Visibility graph among polygons and discs, each grown by the safe distance (Lozano-Perez 1979).
+
+A grown shape's round parts become the corners of circumscribed polygons, so that a way about them
+keeps the safe distance. The best way from start to goal is a chain of edges that see each other's
+ends; since J has turning in it, Dijkstra runs over directed edges, not over corners. With finer
+corners the chain tends to the exact optimum, among polygons too.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from simloop.messages import FloatArray, WorldView
+from simloop.planners.bends import is_clear
+from simloop.planners.clearance import Problem
+from simloop.planners.objective import make_stack
+from simloop.planners.reference import Reference
+
+CORNERS = 96
+"""How many corners a whole circle gets."""
+_OUT = 1e-6  # a hair of room, in radii, so that an edge along a grown side is seen
+
+
+class Corners(NamedTuple):
+    """at: (N, 2) nodes; before, after: (N, 2) what precedes and follows each on its own ring.
+
+    The ends of the way come first, and stand for their own neighbours.
+    """
+
+    at: FloatArray
+    before: FloatArray
+    after: FloatArray
+
+
+def grown_corners(p: Problem) -> Corners:
+    """Start, goal, and the corners of the grown shapes that no other covers and that lie in the
+    bounds."""
+    rings = [np.array([[p.start_x, p.start_y]]), np.array([[p.goal_x, p.goal_y]])]
+    for x, y, r in zip(p.disc_x, p.disc_y, p.disc_r, strict=True):
+        rings.append(_arc(x, y, r + p.safe_m, 0.0, 2.0 * math.pi))
+    first = 0
+    for last in p.poly_end:
+        corners = np.column_stack([p.poly_x[first:last], p.poly_y[first:last]])
+        edges = np.roll(corners, -1, axis=0) - corners
+        normal = np.arctan2(-edges[:, 0], edges[:, 1])
+        arcs = [
+            _arc(x, y, p.safe_m, before, before + (after - before) % (2.0 * math.pi))
+            for (x, y), before, after in zip(corners, np.roll(normal, 1), normal, strict=True)
+        ]
+        rings.append(np.concatenate(arcs))
+        first = int(last)
+    points = np.concatenate(rings)
+    before = np.concatenate([np.roll(ring, 1, axis=0) for ring in rings])
+    after = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
+    inside = ((points >= (p.low_x, p.low_y)) & (points <= (p.high_x, p.high_y))).all(axis=1)
+    stack = make_stack()
+    keep = np.array([is_clear(p, point, point, stack) for point in points]) & inside
+    keep[:2] = True
+    return Corners(points[keep], before[keep], after[keep])
+
+
+def _arc(x: float, y: float, radius: float, first: float, last: float) -> FloatArray:
+    """Corners of the tangents to an arc, which touch it at its two ends and evenly in between."""
+    count = max(1, math.ceil((last - first) / (2.0 * math.pi) * CORNERS))
+    half = 0.5 * (last - first) / count
+    angles = first + half * (2.0 * np.arange(count) + 1.0)
+    far = radius / math.cos(half) * (1.0 + _OUT)
+    return np.array([x, y]) + far * np.column_stack([np.cos(angles), np.sin(angles)])
+
+
+@njit(cache=True)
+def _touches(corners: Corners, k: int, dx: float, dy: float) -> bool:
+    """Whether a line along (dx, dy) through node k leaves its ring on one side."""
+    ax, ay = corners.before[k] - corners.at[k]
+    bx, by = corners.after[k] - corners.at[k]
+    slack = 1e-9 * (abs(dx) + abs(dy))
+    a, b = dx * ay - dy * ax, dx * by - dy * bx
+    return (a >= -slack and b >= -slack) or (a <= slack and b <= slack)
+
+
+@njit(cache=True)
+def visible_edges(
+    p: Problem, corners: Corners, stack: FloatArray
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Pairs tail, head of nodes that see each other, both ways, where the line touches both rings:
+    no other is part of a best way."""
+    tail, head = [0], [0]
+    for i in range(len(corners.at)):
+        for j in range(i + 1, len(corners.at)):
+            dx, dy = corners.at[j] - corners.at[i]
+            if not _touches(corners, i, dx, dy) or not _touches(corners, j, dx, dy):
+                continue
+            if is_clear(p, corners.at[i], corners.at[j], stack):
+                tail.append(i)
+                head.append(j)
+                tail.append(j)
+                head.append(i)
+    return np.array(tail[1:]), np.array(head[1:])
+
+
+def best_chain(
+    nodes: FloatArray,
+    tail: NDArray[np.int64],
+    head: NDArray[np.int64],
+    length_weight: float,
+    turning_weight: float,
+) -> list[int] | None:
+    """Nodes of the chain of least w1 S + w2 Theta from node 0 to node 1; None if there is none."""
+    step = nodes[head] - nodes[tail]
+    length = np.hypot(step[:, 0], step[:, 1])
+    heading = np.arctan2(step[:, 1], step[:, 0])
+    leaving = [np.flatnonzero(tail == k) for k in range(len(nodes))]
+    best, parent = np.full(len(tail), np.inf), np.full(len(tail), -1)
+    queue: list[tuple[float, int]] = []
+    for first in leaving[0]:
+        best[first] = length_weight * length[first]
+        queue.append((float(best[first]), int(first)))
+    heapq.heapify(queue)
+    while queue:
+        cost, e = heapq.heappop(queue)
+        if cost > best[e]:
+            continue
+        if head[e] == 1:
+            chain = [1]
+            edge = e
+            while edge >= 0:
+                chain.append(int(tail[edge]))
+                edge = int(parent[edge])
+            return chain[::-1]
+        onward = leaving[head[e]]
+        turn = np.abs((heading[onward] - heading[e] + math.pi) % (2.0 * math.pi) - math.pi)
+        total = cost + turning_weight * turn + length_weight * length[onward]
+        for f, price in zip(onward[total < best[onward]], total[total < best[onward]], strict=True):
+            best[f], parent[f] = price, e
+            heapq.heappush(queue, (float(price), int(f)))
+    return None
+
+
+class VisibilityGraph(Reference):
+    """The whole graph, then Dijkstra."""
+
+    name = "visibility"
+    worlds: ClassVar[tuple[str, ...]] = ("discs", "polygons")
+
+    def route(self, world: WorldView, p: Problem, rng: np.random.Generator) -> FloatArray | None:
+        """A trial is one line of sight."""
+        corners = grown_corners(p)
+        tail, head = visible_edges(p, corners, make_stack())
+        chain = best_chain(corners.at, tail, head, p.length_weight, p.turning_weight)
+        return None if chain is None else corners.at[chain]
