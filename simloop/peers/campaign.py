@@ -1,0 +1,90 @@
+"""Many trials over several processes, which Ctrl-C ends early without losing what is done."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from multiprocessing import get_context
+
+from simloop.peers.tasks import Task
+from simloop.peers.trials import Trial, handles, is_by_chance, settings, try_once
+from simloop.planners.scenes import Instance
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """All the seeds of one planner on one task, given by its number."""
+
+    task: int
+    planner: str
+    seeds: tuple[int, ...]
+    budget: int
+    learners: int
+    history: bool
+
+
+def make_jobs(
+    tasks: Sequence[Task],
+    planners: Sequence[str],
+    *,
+    seeds: int,
+    budget: int,
+    learners: int,
+    history: bool = False,
+) -> list[Job]:
+    """At least ``seeds`` plans a scene and planner, shared by the scene's instances; one an instance
+    for what knows no chance. Where a planner has no answer for a kind of world there is no job."""
+    count: dict[str, int] = {}
+    for task in tasks:
+        count[task.scene] = count.get(task.scene, 0) + 1
+    jobs = []
+    for number, task in enumerate(tasks):
+        each = -(-seeds // count[task.scene])
+        for name in planners:
+            if handles(name, task.instance):
+                wanted = range(each if is_by_chance(name) else 1)
+                jobs.append(Job(number, name, tuple(wanted), budget, learners, history))
+    return jobs
+
+
+def do_job(job: Job, one: Instance) -> list[Trial]:
+    """The job's trials on its instance."""
+    config = settings(job.planner, one, job.budget, job.learners)
+    return [
+        try_once(job.planner, one, seed, config, history=job.history) for seed in job.seeds
+    ]
+
+
+def _leave_interrupts_to_the_parent() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def run_jobs(
+    jobs: Sequence[Job],
+    tasks: Sequence[Task],
+    *,
+    workers: int,
+    done: Callable[[Job], None] = lambda job: None,
+) -> Iterator[tuple[Job, list[Trial]]]:
+    """Each job with its trials, as they are finished; in order with one worker.
+
+    On KeyboardInterrupt the jobs not yet begun are given up, and the interrupt goes on.
+    """
+    if workers <= 1:
+        for job in jobs:
+            yield job, do_job(job, tasks[job.task].instance)
+            done(job)
+        return
+    context = get_context("spawn")
+    with ProcessPoolExecutor(workers, context, _leave_interrupts_to_the_parent) as pool:
+        futures: dict[Future[list[Trial]], Job] = {
+            pool.submit(do_job, job, tasks[job.task].instance): job for job in jobs
+        }
+        try:
+            for future in as_completed(futures):
+                yield futures[future], future.result()
+                done(futures[future])
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise

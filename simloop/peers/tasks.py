@@ -1,0 +1,90 @@
+"""Scenes by name or by file, each with the best J known for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from simloop.bench_planners import optimum
+from simloop.config import PlannerConfig
+from simloop.errors import InputError, did_you_mean
+from simloop.peers.judge import judge
+from simloop.peers.map_files import is_map_file, load_file
+from simloop.peers.trials import Trial, plan_once, prepare
+from simloop.planners.reference import kind_of
+from simloop.planners.scenes import SCENE_NAMES, Instance, scene
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Task:
+    """An instance of a scene. best: J* or the best J known; exact: whether it is the optimum."""
+
+    scene: str
+    instance: Instance
+    best: float | None
+    exact: bool
+
+
+def scene_names() -> tuple[str, ...]:
+    """The names that `load_scene` knows; map files come on top."""
+    return (*SCENE_NAMES, *paper_scene_names())
+
+
+def paper_scene_names() -> tuple[str, ...]:
+    """The papers' scenes."""
+    return ()
+
+
+def check_scene(name: str) -> None:
+    """Refuse what `load_scene` would not know: InputError with the choices."""
+    if not is_map_file(name) and name not in scene_names():
+        choices = did_you_mean(name, scene_names())
+        raise InputError(f"--scenes {name}: unknown{choices}, or a .map, .scen or image file")
+
+
+def load_scene(name: str) -> list[Task]:
+    """The tasks of a scene or of a map file."""
+    check_scene(name)
+    if is_map_file(name):
+        found = load_file(Path(name))
+        return [Task(Path(name).name, one, None, exact=False) for one in found]
+    instances = scene(name)
+    return [_known(Task(name, one, None, exact=False)) for one in instances]
+
+
+def _known(task: Task) -> Task:
+    """With its optimum: worked out among discs, bounded by a fine visibility graph among polygons
+    and discs; None in distance fields, unless it is on record."""
+    one = task.instance
+    if one.best_cost is not None:
+        return replace(task, best=one.best_cost, exact=True)
+    kind = kind_of(one.world)
+    if kind == "discs":
+        try:
+            return replace(task, best=optimum(one), exact=True)
+        except ValueError:
+            return task
+    if kind == "polygons":
+        config = PlannerConfig(
+            name="visibility", safe_distance_m=one.safe_m, start_turn_weight=0.0
+        )
+        verdict = judge(one, plan_once(prepare(config), one, 0).waypoints_m)
+        if verdict.success:
+            return replace(task, best=verdict.cost)
+    return task
+
+
+def with_best_known(tasks: list[Task], trials: list[Trial]) -> list[Task]:
+    """Where no optimum is known, the best J of any safe plan takes its place."""
+    found: dict[str, float] = {}
+    for trial in trials:
+        if trial.verdict.success:
+            cost = min(found.get(trial.instance, trial.verdict.cost), trial.verdict.cost)
+            found[trial.instance] = cost
+    out = []
+    for task in tasks:
+        best = found.get(task.instance.name)
+        if not task.exact and best is not None and (task.best is None or best < task.best):
+            task = replace(task, best=best)
+        out.append(task)
+    return out

@@ -1,0 +1,151 @@
+"""One planner on one task from one seed: planned, judged, and timed where time matters."""
+
+from __future__ import annotations
+
+import gc
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+
+from simloop import planners
+from simloop.config import PlannerConfig, VehicleConfig
+from simloop.messages import FloatArray, Plan
+from simloop.peers.judge import Verdict, judge
+from simloop.planners.protocol import Planner
+from simloop.planners.registry import make_planner
+from simloop.planners.reference import Reference, kind_of
+from simloop.planners.scenes import Instance
+
+POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))
+PRECISE = "tlbo_precise"
+LADDER = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2)
+"""Shares of the budget at which a planner that keeps no history is run again for one."""
+_NEVER_IDLE = 10_000
+_LEAST_TIMED, _TIME_SHARE_S = 3, 0.08
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trial:
+    """What came of one plan. history: (H, 2) evaluations and the best score so far."""
+
+    planner: str
+    instance: str
+    seed: int
+    verdict: Verdict
+    evaluations: int
+    generations: int
+    path_m: FloatArray
+    history: FloatArray
+
+
+def is_rule(name: str) -> bool:
+    """Whether a planner is an update rule on the common engine."""
+    return name != PRECISE and hasattr(planners.load(name), "generation")
+
+
+def is_by_chance(name: str) -> bool:
+    """Whether another seed can give another plan."""
+    return name not in ("exact", "visibility", "astar", "theta_star", "potential_field")
+
+
+def handles(name: str, instance: Instance) -> bool:
+    """Whether a planner has an answer for this kind of world."""
+    if name == PRECISE:
+        return True
+    made = planners.load(name)
+    if isinstance(made, type) and issubclass(made, Reference):
+        return kind_of(instance.world) in made.worlds
+    return True
+
+
+def settings(name: str, instance: Instance, budget: int, learners: int) -> PlannerConfig:
+    """Equal terms: the same budget, the same size and seeding of the first population. The rules go
+    on until the budget is spent; the lead planner ends when its class has learnt enough."""
+    common = PlannerConfig(
+        name="tlbo" if name == PRECISE else name,
+        precise=name == PRECISE,
+        safe_distance_m=instance.safe_m,
+        start_turn_weight=0.0,
+        max_evaluations=budget,
+        learners=learners,
+    )
+    if not is_rule(name):
+        return common
+    return PlannerConfig(
+        name=name,
+        safe_distance_m=instance.safe_m,
+        start_turn_weight=0.0,
+        max_evaluations=budget,
+        learners=learners,
+        idle_generations=_NEVER_IDLE,
+        options={"seeding": "seeded"},
+    )
+
+
+def prepare(config: PlannerConfig) -> Planner:
+    """A planner for a point."""
+    return make_planner(config, POINT)
+
+
+def plan_once(planner: Planner, instance: Instance, seed: int) -> Plan:
+    """A cold plan with a generator of its own."""
+    rng = np.random.default_rng(seed)
+    return planner.plan(instance.world, instance.start, instance.goal, rng)
+
+
+def try_once(
+    name: str, instance: Instance, seed: int, config: PlannerConfig, *, history: bool = False
+) -> Trial:
+    """Plan and judge. history: where the planner keeps none, run it at lesser budgets too."""
+    plan = plan_once(prepare(config), instance, seed)
+    verdict = judge(instance, plan.waypoints_m)
+    rows = plan.history
+    if history and not len(rows):
+        rows = _ladder(instance, seed, config)
+    last = np.array([[plan.evaluations, verdict.score]], dtype=np.float64)
+    return Trial(
+        planner=name,
+        instance=instance.name,
+        seed=seed,
+        verdict=verdict,
+        evaluations=plan.evaluations,
+        generations=plan.generations,
+        path_m=plan.waypoints_m,
+        history=_trusted(np.vstack([rows.reshape(-1, 2), last]), verdict),
+    )
+
+
+def _ladder(instance: Instance, seed: int, config: PlannerConfig) -> FloatArray:
+    """(H, 2) evaluations and score of runs with lesser budgets."""
+    from dataclasses import replace
+
+    rows = []
+    for share in LADDER:
+        less = max(100, round(share * config.max_evaluations))
+        plan = plan_once(prepare(replace(config, max_evaluations=less)), instance, seed)
+        rows.append((plan.evaluations, judge(instance, plan.waypoints_m).score))
+    return np.array(rows, dtype=np.float64)
+
+
+def _trusted(history: FloatArray, verdict: Verdict) -> FloatArray:
+    """The history, best so far, in order; where the path is not safe by the judge, the planner's
+    own account is worth nothing and only the last row stays."""
+    if not verdict.success:
+        return history[-1:]
+    history = history[np.argsort(history[:, 0], kind="mergesort")]
+    history[:, 1] = np.minimum.accumulate(history[:, 1])
+    return history
+
+
+def time_plans(name: str, instance: Instance, config: PlannerConfig) -> list[float]:
+    """Milliseconds of some plans in this process: three at least, more while they are quick."""
+    planner = prepare(config)
+    plan_once(planner, instance, 0)  # warms kernels and caches up
+    gc.collect()
+    took: list[float] = []
+    while len(took) < _LEAST_TIMED or (sum(took) < 1e3 * _TIME_SHARE_S and len(took) < 200):
+        began = perf_counter()
+        plan_once(planner, instance, len(took))
+        took.append(1e3 * (perf_counter() - began))
+    return took
