@@ -202,15 +202,53 @@ def bench_loop(
 
 
 @bench_app.command("planners")
-def bench_planners(json_file: JsonFile = None) -> int:
-    """Planners against the exact optimum on fixed scenes: time, gap, safety."""
+def bench_planners(
+    json_file: JsonFile = None,
+    scenes: Annotated[
+        list[str] | None, typer.Option(help="Names, or .map, .scen and image files; default: all.")
+    ] = None,
+    planners: Annotated[list[str] | None, typer.Option(help="Names; default: all.")] = None,
+    budget: Annotated[
+        int | None, typer.Option(min=1, max=10**7, help="Evaluations that each plan may spend.")
+    ] = None,
+    seeds: Annotated[
+        int | None, typer.Option(min=1, max=10**5, help="Plans a scene and planner, at least.")
+    ] = None,
+    workers: Annotated[int, typer.Option(min=0, max=256, help="Processes; 0: one a core.")] = 0,
+    report: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Write a page with pictures.")
+    ] = None,
+) -> int:
+    """Planners on equal terms, beside the optimum: time, gap, safety, significance."""
     _check_json(json_file)
-    from simloop import bench_planners
+    from simloop.peers import bench
 
-    figures = bench_planners.run()
-    bench_planners.print_figures(Console(), figures)
+    request = bench.Request(
+        scenes=_names(scenes),
+        planners=_names(planners),
+        budget=bench.BUDGET if budget is None else budget,
+        seeds=seeds,
+        workers=workers,
+        history=report is not None,
+    )
+    request.check()
+    if report is not None:
+        from simloop.peers import page
+
+        page.check(report)
+    result = bench.run(request)
+    figures = bench.figures(result)
+    bench.print_figures(Console(), figures)
     _write_json(json_file, figures)
-    return 0
+    if report is not None and not result.interrupted:
+        page.write(report, result, figures)
+    return INTERRUPTED if result.interrupted else 0
+
+
+def _names(given: list[str] | None) -> tuple[str, ...]:
+    """Names given one by one or with commas between them, each once."""
+    split = [name.strip() for text in given or () for name in text.split(",")]
+    return tuple(dict.fromkeys(name for name in split if name))
 
 
 @bench_app.command("faults")

@@ -51,6 +51,7 @@ CLOCK = {
     "report",
     "warmup",
     "session",
+    "trials",
     "bench_slam",
 }
 

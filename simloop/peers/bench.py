@@ -23,7 +23,7 @@ from simloop.peers.trials import PRECISE, Trial, handles, is_rule, prepare, sett
 from simloop.planners.scenes import SCENE_NAMES
 
 LEAD = "tlbo"
-BUDGET, SEEDS, LEARNERS = 10_000, 20, 100
+BUDGET, SEEDS, LEARNERS = 5_000, 12, 100
 _LEAD_PLANS = {LEAD: bench_planners.PLANS, PRECISE: bench_planners.PLANS_PRECISE}
 
 
@@ -267,7 +267,17 @@ def print_figures(console: Console, found: dict[str, Any]) -> None:
     """The figures as tables for the terminal."""
     from simloop.report import print_table
 
-    header = ["planner", "ms p50", "p99", "gap % p50", "p95", "safe %", "success %", "std", "trials"]
+    header = [
+        "planner",
+        "ms p50",
+        "p99",
+        "gap % p50",
+        "p95",
+        "safe %",
+        "success %",
+        "std",
+        "trials",
+    ]
     for scene, named in found["scenes"].items():
         order = sorted(named, key=lambda name: _rank(named[name]))
         rows = [
@@ -289,5 +299,3 @@ def _rank(at: dict[str, Any]) -> tuple[float, float]:
 
 def _show(value: float | None, digits: int) -> str:
     return "-" if value is None else f"{value:.{digits}f}"
-
-

@@ -12,6 +12,7 @@ from simloop.peers.tasks import Task
 from simloop.peers.trials import Trial, handles, is_by_chance, settings, try_once
 from simloop.planners.scenes import Instance
 
+
 @dataclass(frozen=True, slots=True)
 class Job:
     """All the seeds of one planner on one task, given by its number."""
@@ -51,9 +52,7 @@ def make_jobs(
 def do_job(job: Job, one: Instance) -> list[Trial]:
     """The job's trials on its instance."""
     config = settings(job.planner, one, job.budget, job.learners)
-    return [
-        try_once(job.planner, one, seed, config, history=job.history) for seed in job.seeds
-    ]
+    return [try_once(job.planner, one, seed, config, history=job.history) for seed in job.seeds]
 
 
 def _leave_interrupts_to_the_parent() -> None:

@@ -63,7 +63,7 @@ def clearance(instance: Instance, path: FloatArray) -> float:
         worst = float((_to_segments(discs[:, :2], a, b) - discs[:, 2]).min())
     for polygon in instance.world.polygons_m:
         worst = min(worst, _polygon_clearance(polygon, a, b))
-    if len(instance.boxes_m):
+    if len(instance.boxes_m) and not instance.world.polygons_m:
         worst = min(worst, _box_clearance(instance, a, b))
     return worst
 
@@ -116,9 +116,7 @@ def _box_clearance(instance: Instance, a: FloatArray, b: FloatArray) -> float:
     boxes, reach, worst = instance.boxes_m, 2.0 * instance.safe_m, np.inf
     for p, q in zip(a, b, strict=True):
         low, high = np.minimum(p, q) - reach, np.maximum(p, q) + reach
-        near = boxes[
-            (boxes[:, 2:] >= low).all(axis=1) & (boxes[:, :2] <= high).all(axis=1)
-        ]
+        near = boxes[(boxes[:, 2:] >= low).all(axis=1) & (boxes[:, :2] <= high).all(axis=1)]
         if not len(near):
             worst = min(worst, reach)
             continue

@@ -45,9 +45,7 @@ def wilcoxon(lead: Sequence[float], rival: Sequence[float]) -> float:
     return float(stats.wilcoxon(apart, zero_method="pratt", method="approx").pvalue)
 
 
-def compare(
-    lead: Sequence[float], rivals: Mapping[str, Sequence[float]]
-) -> dict[str, Comparison]:
+def compare(lead: Sequence[float], rivals: Mapping[str, Sequence[float]]) -> dict[str, Comparison]:
     """The lead's scores against each rival's, paired by position."""
     p = [wilcoxon(lead, rival) for rival in rivals.values()]
     found = {}

@@ -10,7 +10,8 @@ from simloop.config import PlannerConfig
 from simloop.errors import InputError, did_you_mean
 from simloop.peers.judge import judge
 from simloop.peers.map_files import is_map_file, load_file
-from simloop.peers.trials import Trial, plan_once, prepare
+from simloop.peers.trials import Trial, moving_instance, plan_once, prepare
+from simloop.planners.paper_scenes import ONLINE_SCENES, PAPER_SCENES, online_scene, paper_scene
 from simloop.planners.reference import kind_of
 from simloop.planners.scenes import SCENE_NAMES, Instance, scene
 
@@ -32,7 +33,8 @@ def scene_names() -> tuple[str, ...]:
 
 def paper_scene_names() -> tuple[str, ...]:
     """The papers' scenes."""
-    return ()
+    moving = [name for name in ONLINE_SCENES if name not in PAPER_SCENES]
+    return (*PAPER_SCENES, *moving)
 
 
 def check_scene(name: str) -> None:
@@ -48,6 +50,10 @@ def load_scene(name: str) -> list[Task]:
     if is_map_file(name):
         found = load_file(Path(name))
         return [Task(Path(name).name, one, None, exact=False) for one in found]
+    if name in PAPER_SCENES:
+        return [_known(Task(name, paper_scene(name), None, exact=False))]
+    if name in ONLINE_SCENES:
+        return [Task(name, moving_instance(online_scene(name)), None, exact=False)]
     instances = scene(name)
     return [_known(Task(name, one, None, exact=False)) for one in instances]
 
@@ -65,9 +71,7 @@ def _known(task: Task) -> Task:
         except ValueError:
             return task
     if kind == "polygons":
-        config = PlannerConfig(
-            name="visibility", safe_distance_m=one.safe_m, start_turn_weight=0.0
-        )
+        config = PlannerConfig(name="visibility", safe_distance_m=one.safe_m, start_turn_weight=0.0)
         verdict = judge(one, plan_once(prepare(config), one, 0).waypoints_m)
         if verdict.success:
             return replace(task, best=verdict.cost)

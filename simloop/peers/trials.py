@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import gc
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
 
 from simloop import planners
+from simloop.bench_planners import path_cost
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray, Plan
 from simloop.peers.judge import Verdict, judge
+from simloop.planners.online import OnlineWorld, simulate
 from simloop.planners.protocol import Planner
-from simloop.planners.registry import make_planner
 from simloop.planners.reference import Reference, kind_of
+from simloop.planners.registry import make_planner
 from simloop.planners.scenes import Instance
 
 POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))
@@ -39,6 +41,26 @@ class Trial:
     history: FloatArray
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class MovingInstance(Instance):
+    """A world with movers or a goal that moves, which only the step-by-step planners can walk."""
+
+    online: OnlineWorld | None = None
+
+
+def moving_instance(online: OnlineWorld) -> MovingInstance:
+    """An instance of a world that moves; its goal is where the goal begins."""
+    return MovingInstance(
+        online.name,
+        online.fixed,
+        online.start,
+        online.goal.at(0),
+        online.safe_m,
+        np.zeros((0, 4)),
+        online=online,
+    )
+
+
 def is_rule(name: str) -> bool:
     """Whether a planner is an update rule on the common engine."""
     return name != PRECISE and hasattr(planners.load(name), "generation")
@@ -51,9 +73,9 @@ def is_by_chance(name: str) -> bool:
 
 def handles(name: str, instance: Instance) -> bool:
     """Whether a planner has an answer for this kind of world."""
-    if name == PRECISE:
-        return True
-    made = planners.load(name)
+    made = planners.load("tlbo" if name == PRECISE else name)
+    if isinstance(instance, MovingInstance):
+        return hasattr(made, "steering")
     if isinstance(made, type) and issubclass(made, Reference):
         return kind_of(instance.world) in made.worlds
     return True
@@ -72,15 +94,7 @@ def settings(name: str, instance: Instance, budget: int, learners: int) -> Plann
     )
     if not is_rule(name):
         return common
-    return PlannerConfig(
-        name=name,
-        safe_distance_m=instance.safe_m,
-        start_turn_weight=0.0,
-        max_evaluations=budget,
-        learners=learners,
-        idle_generations=_NEVER_IDLE,
-        options={"seeding": "seeded"},
-    )
+    return replace(common, idle_generations=_NEVER_IDLE, options={"seeding": "seeded"})
 
 
 def prepare(config: PlannerConfig) -> Planner:
@@ -98,6 +112,8 @@ def try_once(
     name: str, instance: Instance, seed: int, config: PlannerConfig, *, history: bool = False
 ) -> Trial:
     """Plan and judge. history: where the planner keeps none, run it at lesser budgets too."""
+    if isinstance(instance, MovingInstance):
+        return _walk(name, instance, seed, config)
     plan = plan_once(prepare(config), instance, seed)
     verdict = judge(instance, plan.waypoints_m)
     rows = plan.history
@@ -116,10 +132,35 @@ def try_once(
     )
 
 
+def _walk(name: str, instance: MovingInstance, seed: int, config: PlannerConfig) -> Trial:
+    """Walk a world that moves; the judge is the simulator's own account of collisions."""
+    assert instance.online is not None
+    steering = prepare(config).steering()  # type: ignore[attr-defined]
+    done = simulate(instance.online, steering, np.random.default_rng(seed))
+    cost = path_cost(done.points_m)
+    lost = 0.0 if done.success else PlannerConfig().penalty
+    return Trial(
+        planner=name,
+        instance=instance.name,
+        seed=seed,
+        verdict=Verdict(
+            cost=cost,
+            score=cost + lost,
+            length_m=done.length_m,
+            turning_rad=(cost - PlannerConfig().length_weight * done.length_m)
+            / PlannerConfig().turning_weight,
+            safe=done.collisions == 0,
+            reached=done.reached,
+        ),
+        evaluations=done.evaluations,
+        generations=done.steps,
+        path_m=done.points_m,
+        history=np.array([[done.evaluations, cost + lost]], dtype=np.float64),
+    )
+
+
 def _ladder(instance: Instance, seed: int, config: PlannerConfig) -> FloatArray:
     """(H, 2) evaluations and score of runs with lesser budgets."""
-    from dataclasses import replace
-
     rows = []
     for share in LADDER:
         less = max(100, round(share * config.max_evaluations))
@@ -141,11 +182,18 @@ def _trusted(history: FloatArray, verdict: Verdict) -> FloatArray:
 def time_plans(name: str, instance: Instance, config: PlannerConfig) -> list[float]:
     """Milliseconds of some plans in this process: three at least, more while they are quick."""
     planner = prepare(config)
-    plan_once(planner, instance, 0)  # warms kernels and caches up
+
+    def once(seed: int) -> None:
+        if isinstance(instance, MovingInstance):
+            _walk(name, instance, seed, config)
+        else:
+            plan_once(planner, instance, seed)
+
+    once(0)  # warms kernels and caches up
     gc.collect()
     took: list[float] = []
     while len(took) < _LEAST_TIMED or (sum(took) < 1e3 * _TIME_SHARE_S and len(took) < 200):
         began = perf_counter()
-        plan_once(planner, instance, len(took))
+        once(len(took))
         took.append(1e3 * (perf_counter() - began))
     return took

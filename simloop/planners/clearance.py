@@ -296,8 +296,7 @@ def _disc_clearance(p: Problem, ax: float, ay: float, bx: float, by: float) -> f
         if apart < reach * reach:  # rare, so that the root is, too
             clearance = min(clearance, math.sqrt(apart) - discs[2, k])
     if p.corners.size > 0:
-        among = polygon_clearance(p.corners, ax, ay, bx, by)
-        clearance = min(clearance, among)
+        clearance = polygon_clearance(p.corners, ax, ay, bx, by, clearance)
     return clearance
 
 

@@ -11,6 +11,8 @@ from numba import njit
 from simloop.messages import FloatArray
 from simloop.planners.cells import FREE_M
 
+_TOUCH_M = 1e-9
+
 
 def flatten_polygons(
     polygons: Sequence[FloatArray],
@@ -86,35 +88,61 @@ def _depth_at(
 
 
 @njit(cache=True)
+def _box_apart(
+    corners: FloatArray, first: int, last: int, ax: float, ay: float, bx: float, by: float
+) -> float:
+    """How far at least a segment is from a polygon: the distance of the boxes about them."""
+    low_x, high_x, low_y, high_y = np.inf, -np.inf, np.inf, -np.inf
+    for i in range(first, last):
+        low_x, high_x = min(low_x, corners[i, 0]), max(high_x, corners[i, 0])
+        low_y, high_y = min(low_y, corners[i, 1]), max(high_y, corners[i, 1])
+    dx = max(low_x - max(ax, bx), min(ax, bx) - high_x, 0.0)
+    dy = max(low_y - max(ay, by), min(ay, by) - high_y, 0.0)
+    return math.sqrt(dx * dx + dy * dy)
+
+
+@njit(cache=True)
+def _deepest(
+    corners: FloatArray, first: int, last: int, ax: float, ay: float, bx: float, by: float
+) -> float:
+    """Least `_depth_at` along a segment. Depth is convex along it, so that bisection on its slope
+    finds the deepest point."""
+    low, high = 0.0, 1.0
+    for _ in range(50):
+        t = 0.5 * (low + high)
+        _, i = _depth_at(corners, first, last, ax + t * (bx - ax), ay + t * (by - ay))
+        k = i + 1 if i + 1 < last else first
+        ex, ey = corners[k, 0] - corners[i, 0], corners[k, 1] - corners[i, 1]
+        if ey * (bx - ax) - ex * (by - ay) > 0.0:
+            high = t
+        else:
+            low = t
+    t = 0.5 * (low + high)
+    deepest, _ = _depth_at(corners, first, last, ax + t * (bx - ax), ay + t * (by - ay))
+    return deepest
+
+
+@njit(cache=True)
 def polygon_clearance(
     corners: FloatArray,
     ax: float,
     ay: float,
     bx: float,
     by: float,
+    most: float = FREE_M,
 ) -> float:
-    """Exact clearance of a segment among the polygons, m; negative where it cuts one: its deepest.
-
-    Depth is convex along the segment, so that bisection on its slope finds the deepest point.
-    """
-    clearance = FREE_M
+    """Exact clearance of a segment among the polygons, m, where it is below ``most``, else that;
+    negative where it cuts one: its deepest."""
+    clearance = most
     first = 0
     while first < corners.shape[0]:
         last = int(corners[first, 2])
-        low, high = 0.0, 1.0
-        for _ in range(50):
-            t = 0.5 * (low + high)
-            _, i = _depth_at(corners, first, last, ax + t * (bx - ax), ay + t * (by - ay))
-            k = i + 1 if i + 1 < last else first
-            ex, ey = corners[k, 0] - corners[i, 0], corners[k, 1] - corners[i, 1]
-            if ey * (bx - ax) - ex * (by - ay) > 0.0:
-                high = t
-            else:
-                low = t
-        t = 0.5 * (low + high)
-        deepest, _ = _depth_at(corners, first, last, ax + t * (bx - ax), ay + t * (by - ay))
-        if deepest > 0.0:
-            deepest = _outline_distance(corners, first, last, ax, ay, bx, by)
-        clearance = min(clearance, deepest)
+        room = max(clearance, _TOUCH_M)  # where one is cut already, another may be cut deeper
+        if _box_apart(corners, first, last, ax, ay, bx, by) < room:
+            apart = _outline_distance(corners, first, last, ax, ay, bx, by)
+            inside, _ = _depth_at(corners, first, last, ax, ay)
+            if apart < _TOUCH_M or inside <= 0.0:
+                apart = _deepest(corners, first, last, ax, ay, bx, by)
+            clearance = min(clearance, apart)
         first = last
     return clearance
