@@ -245,6 +245,26 @@ def bench_planners(
     return INTERRUPTED if result.interrupted else 0
 
 
+@bench_app.command("weights")
+def bench_weights(
+    json_file: JsonFile = None,
+    scene: Annotated[str, typer.Option(help="A scene of the planners' benchmark.")] = "S1",
+    planner: Annotated[str, typer.Option(help="A planner's name.")] = "tlbo",
+    count: Annotated[int, typer.Option(min=14, max=10_000, help="Pairs of weights.")] = 38,
+) -> int:
+    """The lead paper's weight study: Pareto front of length and turning, PLS with R2 and Q2."""
+    _check_json(json_file)
+    from simloop.peers import bench, tasks, weights
+    from simloop.report import print_table
+
+    bench.Request(scenes=(scene,), planners=(planner,)).check()
+    done = weights.study(tasks.load_scene(scene)[0].instance, planner, count)
+    header = ["", "measured", ""]
+    print_table(Console(), f"{count} weights, {planner} on {scene}", header, weights.rows(done))
+    _write_json(json_file, weights.figures(done))
+    return 0
+
+
 def _names(given: list[str] | None) -> tuple[str, ...]:
     """Names given one by one or with commas between them, each once."""
     split = [name.strip() for text in given or () for name in text.split(",")]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -279,7 +279,7 @@ def print_figures(console: Console, found: dict[str, Any]) -> None:
         "trials",
     ]
     for scene, named in found["scenes"].items():
-        order = sorted(named, key=lambda name: _rank(named[name]))
+        order = sorted(named, key=lambda name: rank(named[name]))
         rows = [
             [
                 name, _show(at["ms_p50"], 2), _show(at["ms_p99"], 2), _show(at["gap_p50"], 3),
@@ -292,7 +292,8 @@ def print_figures(console: Console, found: dict[str, Any]) -> None:
         print_table(console, f"{scene}: cold plans, on {found['machine']['cpu']}", header, rows)
 
 
-def _rank(at: dict[str, Any]) -> tuple[float, float]:
+def rank(at: dict[str, Any]) -> tuple[float, float]:
+    """What a planner's figures are sorted by: success, then the median gap."""
     gap = at["gap_p50"]
     return (-at["success"], np.inf if gap is None else gap)
 

@@ -34,7 +34,7 @@ def make_jobs(
     learners: int,
     history: bool = False,
 ) -> list[Job]:
-    """At least ``seeds`` plans a scene and planner, shared by the scene's instances; one an instance
+    """At least ``seeds`` plans a scene and planner, shared by its instances; one an instance
     for what knows no chance. Where a planner has no answer for a kind of world there is no job."""
     count: dict[str, int] = {}
     for task in tasks:

@@ -2,7 +2,7 @@
 
 Format: https://movingai.com/benchmarks/formats.html. A cell is `CELL_M` wide; the robot is a point
 that keeps `SAFE_CELLS` of a cell, so that it passes where one cell is free. The planners get a
-distance field four times as fine as the map, the judge the blocked cells themselves.
+distance field four times as fine as the map (twice, if that is large), the judge the blocked cells themselves.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".tif", ".tiff")
 TASKS = 10
 """How many of a scenario file's tasks are taken, evenly from the easiest to the hardest."""
 _FINE = 4
-_MOST_CELLS = 2**20
+_MOST_CELLS, _LARGE_CELLS = 2**20, 2**18
 _MOST_BYTES = 2**26
 _FREE, _BLOCKED = ".GS", "@OTW"
 _DARK = 128
@@ -158,7 +158,8 @@ def read_image(path: Path) -> Blocked:
     if image.shape[0] * image.shape[1] > _MOST_CELLS:
         raise InputError(f"{path}: more than {_MOST_CELLS} pixels")
     if image.dtype != np.uint8:
-        image = np.clip(image / np.iinfo(image.dtype).max * 255.0, 0, 255).astype(np.uint8)
+        most = 65535.0 if image.dtype == np.uint16 else 1.0
+        image = np.clip(image / most * 255.0, 0, 255).astype(np.uint8)
     if image.ndim == 2:
         return np.asarray(image < _DARK)
     grey = image[..., :3].mean(axis=2)
@@ -200,11 +201,17 @@ def _centre(cell: tuple[int, int], rows: int) -> FloatArray:
 
 def _world(blocked: Blocked) -> WorldView:
     """The map, walled in, as a distance field."""
-    fine = np.kron(np.flipud(np.pad(blocked, 1, constant_values=True)), np.ones((_FINE, _FINE)))
-    resolution = CELL_M / _FINE
-    # From a free cell's middle to a blocked cell's middle, less the half cell to its surface.
-    distance = ndimage.distance_transform_edt(fine == 0.0, sampling=resolution)
-    distance = np.maximum(distance - 0.5 * resolution, 0.0)
+    parts = _FINE if blocked.size <= _LARGE_CELLS else _FINE // 2
+    solid = np.flipud(np.pad(blocked, 1, constant_values=True))
+    fine = np.kron(solid, np.ones((parts, parts), dtype=bool))
+    resolution = CELL_M / parts
+    # On a lattice of half cells, where a blocked cell has its border too, the nearest point of any
+    # blocked cell is a lattice point: the distances at the cells' middles are exact.
+    half = np.zeros((2 * fine.shape[0] + 1, 2 * fine.shape[1] + 1), dtype=bool)
+    for i in range(3):
+        for j in range(3):
+            half[i : i + 2 * fine.shape[0] : 2, j : j + 2 * fine.shape[1] : 2] |= fine
+    distance = ndimage.distance_transform_edt(~half, sampling=0.5 * resolution)[1::2, 1::2]
     rows, cols = blocked.shape
     return WorldView(
         t_ns=0,

@@ -1,0 +1,91 @@
+"""The report: one HTML page that needs nothing beside it."""
+
+from __future__ import annotations
+
+import importlib
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from simloop.errors import InputError
+from simloop.outputs import check_directory, write_text
+from simloop.peers import paper_tables
+from simloop.peers.bench import LEAD, Result, rank
+from simloop.peers.paper_tables import PaperTable
+from simloop.peers.tasks import load_scene
+from simloop.peers.weights import PRINTED, study
+
+_TEMPLATE = Path(__file__).with_name("page.html.j2")
+
+
+def check(directory: Path) -> None:
+    """InputError if the page cannot be written, or a library for it is missing."""
+    check_directory(directory, "--report")
+    for name in ("jinja2", "matplotlib", "sklearn"):
+        try:
+            importlib.import_module(name)
+        except ImportError:
+            raise InputError(
+                f"--report needs the library {name}: pip install 'simloop[report]'"
+            ) from None
+
+
+def measure_tables(workers: int) -> list[PaperTable]:
+    """Our side of the papers' tables."""
+    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
+        futures = [pool.submit(make) for make in paper_tables.TABLES]
+        return [table for future in futures for table in future.result()]
+
+
+def write(directory: Path, result: Result, figures: dict[str, Any]) -> Path:
+    """Measure what only the report shows, draw, and write ``index.html``."""
+    tables = measure_tables(result.request.workers or 2)
+    weights = study(load_scene("S1")[0].instance)
+    text = render(result, figures, tables, weights)
+    directory.mkdir(parents=True, exist_ok=True)
+    file = directory / "index.html"
+    write_text(file, text)
+    return file
+
+
+def render(result: Result, figures: dict[str, Any], tables: list[PaperTable], weights: Any) -> str:
+    """The page's text."""
+    jinja2 = importlib.import_module("jinja2")
+    charts = importlib.import_module("simloop.peers.charts")
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters["figure"] = _figure
+    pictures = {
+        scene: {
+            "paths": charts.paths(result, scene),
+            "curves": charts.curves(result, scene),
+            "spread": charts.spread(result, scene),
+        }
+        for scene in result.scenes()
+        if result.planners(scene)
+    }
+    text: str = environment.from_string(_TEMPLATE.read_text()).render(
+        lead=LEAD,
+        figures=figures,
+        pictures=pictures,
+        ordered={
+            scene: sorted(named.items(), key=lambda item: rank(item[1]))
+            for scene, named in figures["scenes"].items()
+        },
+        tables=tables,
+        weights=weights,
+        weights_picture=charts.weights(weights),
+        printed=PRINTED,
+    )
+    return text
+
+
+def _figure(value: Any, digits: int = 3) -> str:
+    """A cell of a table."""
+    if value is None:
+        return "-"
+    if isinstance(value, float):
+        return f"{value:.{digits}f}" if abs(value) < 1e4 else f"{value:.3g}"
+    return str(value)

@@ -1,0 +1,140 @@
+"""Maps from files: what the format says is read, and nothing else gets further than one line."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from simloop.errors import InputError
+from simloop.peers.judge import clearance
+from simloop.peers.map_files import CELL_M, load_file, parse_map, parse_scenario, read_image
+from simloop.peers.trials import settings as trial_settings
+from simloop.peers.trials import try_once
+
+MAP = "type octile\nheight 4\nwidth 6\nmap\n......\n.@@T..\n.@..W.\n......\n"
+SCEN = "version 1\n0\tm.map\t6\t4\t0\t0\t5\t3\t8.5\n1\tm.map\t6\t4\t0\t3\t2\t2\t4.0\n"
+
+
+def text_of(blocked):
+    rows = ["".join("@" if cell else "." for cell in row) for row in blocked]
+    return f"type octile\nheight {len(rows)}\nwidth {len(rows[0])}\nmap\n" + "\n".join(rows) + "\n"
+
+
+@given(
+    st.integers(1, 8).flatmap(
+        lambda w: st.lists(st.lists(st.booleans(), min_size=w, max_size=w), min_size=1, max_size=8)
+    )
+)
+def test_a_map_written_is_the_map_read(cells):
+    blocked = np.array(cells)
+    assert np.array_equal(parse_map(text_of(blocked), "m.map"), blocked)
+
+
+@settings(max_examples=300)
+@given(st.text(max_size=200) | st.binary(max_size=200).map(lambda b: b.decode("latin-1")))
+def test_rubbish_is_refused_in_one_line(text):
+    for parse in (parse_map, parse_scenario):
+        with pytest.raises(InputError) as error:
+            parse(text, "x")
+        assert "\n" not in str(error.value)
+
+
+@settings(max_examples=300)
+@given(at=st.integers(0, len(MAP) - 1), char=st.characters(max_codepoint=300))
+def test_a_map_with_one_character_changed_is_a_map_or_one_line(at, char):
+    try:
+        found = parse_map(MAP[:at] + char + MAP[at + 1 :], "m.map")
+    except InputError as error:
+        assert str(error).startswith("m.map: ") and "\n" not in str(error)
+    else:
+        assert found.dtype == bool and found.ndim == 2
+
+
+@settings(max_examples=300)
+@given(at=st.integers(0, len(SCEN) - 1), char=st.characters(max_codepoint=300))
+def test_a_scenario_with_one_character_changed_is_one_or_one_line(at, char):
+    try:
+        found = parse_scenario(SCEN[:at] + char + SCEN[at + 1 :], "m.scen")
+    except InputError as error:
+        assert str(error).startswith("m.scen: ") and "\n" not in str(error)
+    else:
+        assert all(min(*errand.start, *errand.goal) >= 0 for errand in found)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (MAP.replace("height 4", "height x"), "line 2: expected one whole number"),
+        (MAP.replace("height 4", "height 9"), "4 rows, but its height is 9"),
+        (MAP.replace(".@..W.", ".@..W"), "line 7: 5 cells, but the width is 6"),
+        (MAP.replace("T", "x"), "line 6: unknown cell 'x'"),
+        (MAP.replace("width 6", "width 9999999"), "not between"),
+    ],
+)
+def test_what_is_wrong_with_a_map_is_said(text, says):
+    with pytest.raises(InputError, match=says):
+        parse_map(text, "m.map")
+
+
+def test_a_map_with_its_scenario_becomes_tasks_upright_and_at_scale(tmp_path):
+    (tmp_path / "m.map").write_text(MAP)
+    (tmp_path / "m.map.scen").write_text(SCEN)
+    first, second = load_file(tmp_path / "m.map")
+    assert np.allclose(first.start[:2], [0.5 * CELL_M, 3.5 * CELL_M])
+    assert np.allclose(first.goal, [5.5 * CELL_M, 0.5 * CELL_M])
+    assert np.allclose(second.goal, [2.5 * CELL_M, 1.5 * CELL_M])
+    # The middle of the first cell is half a cell from the wall about the map.
+    assert clearance(first, np.array([first.start[:2]] * 2)) == pytest.approx(0.5 * CELL_M)
+    rows, cols = np.array(first.start[1::-1] - first.world.origin_m[::-1]) // (CELL_M / 4)
+    field = first.world.distance_m[int(rows), int(cols)]
+    assert field == pytest.approx(0.5 * CELL_M, abs=CELL_M / 4)
+    assert len(load_file(tmp_path / "m.map.scen")) == 2
+
+
+def test_a_task_in_a_wall_is_refused(tmp_path):
+    (tmp_path / "m.map").write_text(MAP)
+    (tmp_path / "m.map.scen").write_text(SCEN.replace("\t0\t0\t5", "\t1\t1\t5"))
+    with pytest.raises(InputError, match="column 1, row 1 is not a free cell"):
+        load_file(tmp_path / "m.map")
+
+
+@pytest.mark.parametrize("name", ["tlbo", "theta_star", "ga"])
+def test_planners_find_their_way_on_a_map_and_the_judge_agrees(tmp_path, name):
+    blocked = np.zeros((20, 30), dtype=bool)
+    blocked[5:, 10] = blocked[:15, 20] = True
+    (tmp_path / "walls.map").write_text(text_of(blocked))
+    (one,) = load_file(tmp_path / "walls.map")
+    trial = try_once(name, one, 0, trial_settings(name, one, 3000, 100))
+    assert trial.verdict.success
+
+
+def test_an_image_is_a_map_of_its_dark_pixels(tmp_path):
+    image = np.full((12, 16), 255, dtype=np.uint8)
+    image[3:9, 7] = 0
+    cv2.imwrite(str(tmp_path / "room.png"), image)
+    assert np.array_equal(read_image(tmp_path / "room.png"), image == 0)
+    (one,) = load_file(tmp_path / "room.png")
+    assert one.world.bounds_m[2] == pytest.approx(16 * CELL_M)
+    clear = np.zeros((4, 4, 4), dtype=np.uint8)  # black, but wholly transparent
+    cv2.imwrite(str(tmp_path / "clear.png"), clear)
+    assert not read_image(tmp_path / "clear.png").any()
+
+
+@settings(max_examples=60)
+@given(st.binary(max_size=300))
+def test_rubbish_that_calls_itself_an_image(tmp_path_factory, data):
+    file = tmp_path_factory.mktemp("rubbish") / "x.png"
+    file.write_bytes(data)
+    with pytest.raises(InputError, match="not an image"):
+        read_image(file)
+
+
+def test_missing_and_hopeless_files(tmp_path):
+    with pytest.raises(InputError, match="No such file"):
+        load_file(tmp_path / "none.map")
+    (tmp_path / "full.map").write_text(text_of(np.ones((3, 3), dtype=bool)))
+    with pytest.raises(InputError, match="no free cell"):
+        load_file(tmp_path / "full.map")

@@ -1,0 +1,227 @@
+"""The comparison of planners: its judge, its statistics, its runs and its page."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from simloop.cli import app, main
+from simloop.errors import InputError
+from simloop.peers import bench, statistics
+from simloop.peers.campaign import make_jobs, run_jobs
+from simloop.peers.judge import clearance, judge
+from simloop.peers.tasks import load_scene, with_best_known
+from simloop.peers.trials import settings as trial_settings
+from simloop.peers.trials import try_once
+from simloop.planners.paper_scenes import paper_scene, scene_clearance
+from simloop.planners.scenes import scene, true_clearance
+
+S1 = scene("S1")[0]
+
+
+def wander(one, seed, points=6):
+    rng = np.random.default_rng(seed)
+    low, high = one.world.bounds_m[:2], one.world.bounds_m[2:]
+    inner = low + rng.uniform(size=(points, 2)) * (high - low)
+    return np.vstack([one.start[:2], inner, one.goal])
+
+
+@settings(max_examples=40)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_the_judges_clearance_is_that_of_dense_samples(seed):
+    path = wander(S1, seed)
+    assert clearance(S1, path) == pytest.approx(true_clearance(S1, path, 1e-3), abs=1e-3)
+
+
+@settings(max_examples=15)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_the_judges_clearance_among_polygons(seed):
+    one = paper_scene("wu180")
+    path = wander(one, seed, points=3)
+    truth = scene_clearance(one, path, 0.05)
+    found = clearance(one, path)
+    assert (found <= 0.0) == (truth <= 0.0) or abs(found - truth) < 0.05
+    if truth > 0.0:
+        assert found == pytest.approx(truth, abs=0.05)
+
+
+def test_among_boxes_the_judge_looks_at_those_nearby():
+    one = scene("S4a")[0]
+    for seed in range(5):
+        path = wander(one, seed)
+        truth = true_clearance(one, path, 1e-3)
+        assert clearance(one, path) == pytest.approx(min(truth, 2.0 * one.safe_m), abs=1e-9)
+
+
+def test_an_unsafe_or_unfinished_path_never_wins():
+    straight = np.array([S1.start[:2], S1.goal])
+    cut = judge(S1, straight)
+    assert not cut.safe and cut.reached and not cut.success
+    assert cut.cost < 4.4250 < cut.score
+    short = judge(S1, np.array([S1.start[:2], S1.start[:2] + 0.1]))
+    assert short.safe and not short.reached and short.score > 100.0
+
+
+def test_holm_is_what_it_says_on_a_known_case():
+    assert statistics.holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
+    assert statistics.holm([0.5, 0.9]) == pytest.approx([1.0, 1.0])
+
+
+def test_wilcoxon_finds_a_shift_and_no_shift():
+    rng = np.random.default_rng(1)
+    lead = rng.normal(size=60)
+    better = statistics.compare(lead, {"worse": lead + 0.5, "same": lead + rng.normal(size=60)})
+    assert better["worse"].p_holm < 1e-6 and better["worse"].lead_wins == 60
+    assert better["worse"].difference == pytest.approx(0.5)
+    assert better["same"].p_holm > 0.05
+    assert statistics.wilcoxon(lead, lead) == 1.0
+    other = rng.normal(0.2, size=60)
+    expected = stats.wilcoxon(other - lead, method="approx").pvalue
+    assert statistics.wilcoxon(lead, other) == pytest.approx(expected)
+
+
+def test_under_no_difference_p_is_small_as_often_as_it_says():
+    rng = np.random.default_rng(1000)
+    p = [statistics.wilcoxon(*rng.normal(size=(2, 25))) for _ in range(400)]
+    assert 0.02 < np.mean(np.array(p) < 0.05) < 0.09
+
+
+def test_convergence_and_ecdf_on_a_history_known():
+    history = np.array([[10.0, 2.0], [100.0, 1.05], [1000.0, 1.0]])
+    grid = np.array([5.0, 10.0, 99.0, 100.0, 1000.0])
+    gap = statistics.convergence([history], [1.0], grid)
+    assert gap == pytest.approx([np.inf, 100.0, 100.0, 5.0, 0.0])
+    share = statistics.ecdf([history], [1.0], grid, targets=(0.1, 0.01))
+    assert share == pytest.approx([0.0, 0.0, 0.0, 0.5, 1.0])
+
+
+@pytest.mark.parametrize("name", ["ga", "tlbo_elitist", "tlbo"])
+def test_a_trial_keeps_its_budget_and_repeats(name):
+    config = trial_settings(name, S1, 4000, 100)
+    first, again = (try_once(name, S1, 3, config, history=True) for _ in range(2))
+    assert first.verdict.success and first.evaluations <= 4000
+    assert np.array_equal(first.path_m, again.path_m)
+    assert (np.diff(first.history[:, 1]) <= 0.0).all() and len(first.history) > 2
+    assert first.history[-1, 1] == pytest.approx(first.verdict.score, rel=1e-6)
+
+
+def test_rules_of_one_coding_begin_with_the_same_population():
+    trials = [
+        try_once(name, S1, 5, replace(trial_settings(name, S1, 1000, 100), max_evaluations=1000))
+        for name in ("ga", "de", "avoa")
+    ]
+    firsts = {tuple(trial.history[0]) for trial in trials}
+    assert len(firsts) == 1
+
+
+def test_jobs_are_shared_by_a_scenes_instances():
+    tasks = load_scene("S2")[:4] + load_scene("S4a")
+    jobs = make_jobs(tasks, ["ga", "astar", "exact"], seeds=10, budget=500, learners=100)
+    count = {(job.planner, tasks[job.task].scene): len(job.seeds) for job in jobs}
+    assert count == {("ga", "S2"): 3, ("astar", "S2"): 1, ("exact", "S2"): 1,
+                     ("ga", "S4a"): 10, ("astar", "S4a"): 1}  # fmt: skip
+
+
+def test_processes_give_what_one_process_gives():
+    tasks = load_scene("S1")
+    jobs = make_jobs(tasks, ["de", "astar"], seeds=2, budget=400, learners=100)
+    alone = dict(run_jobs(jobs, tasks, workers=1))
+    pooled = dict(run_jobs(jobs, tasks, workers=2))
+    assert alone.keys() == pooled.keys()
+    for job in jobs:
+        for a, b in zip(alone[job], pooled[job], strict=True):
+            assert np.array_equal(a.path_m, b.path_m) and a.verdict == b.verdict
+
+
+def test_where_no_optimum_is_known_the_best_safe_path_takes_its_place():
+    task = replace(load_scene("S1")[0], best=None, exact=False)
+    trials = [try_once("astar", S1, 0, trial_settings("astar", S1, 500, 100))]
+    (known,) = with_best_known([task], trials)
+    assert known.best == trials[0].verdict.cost and not known.exact
+
+
+def test_the_figures_of_a_small_comparison():
+    request = bench.Request(
+        ("S1", "moving_goal"), ("tlbo", "ga", "avoa_online"), 1000, 6, workers=1
+    )
+    result = bench.run(request)
+    found = bench.figures(result)
+    json.dumps(found, allow_nan=False)
+    s1 = found["scenes"]["S1"]
+    assert set(s1) == {"tlbo", "ga", "avoa_online"}
+    assert set(found["scenes"]["moving_goal"]) == {"avoa_online"}
+    keys = {"ms_p50", "ms_p99", "evaluations", "gap_p50", "gap_p95", "safe", "success", "std"}
+    assert all(keys <= set(at) for at in s1.values())
+    assert s1["tlbo"]["gap_p50"] < s1["ga"]["gap_p50"]
+    assert found["comparison"]["S1"]["ga"]["lead_wins"] == 6
+    assert not found["interrupted"]
+
+
+def test_an_interrupt_keeps_what_is_done(monkeypatch):
+    real = bench.run_jobs
+
+    def cut(jobs, tasks, *, workers):
+        for number, done in enumerate(real(jobs, tasks, workers=1)):
+            if number == 1:
+                raise KeyboardInterrupt
+            yield done
+
+    monkeypatch.setattr(bench, "run_jobs", cut)
+    result = bench.run(bench.Request(("S1",), ("astar", "theta_star", "exact"), 500, 1, workers=1))
+    assert result.interrupted
+    assert result.planners("S1") == ["astar"]
+    assert bench.figures(result)["scenes"]["S1"]["astar"]["ms_p50"] is None
+
+
+@pytest.mark.parametrize(
+    ("request_", "says"),
+    [
+        (bench.Request(scenes=("S11",)), "did you mean 'S1'?"),
+        (bench.Request(planners=("tblo",)), "did you mean 'tlbo'?"),
+        (bench.Request(budget=50), "must be more than 200"),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line(request_, says):
+    with pytest.raises(InputError) as error:
+        request_.check()
+    assert says in str(error.value) and "\n" not in str(error.value)
+
+
+def test_wrong_input_ends_with_exit_code_two(monkeypatch, capsys, tmp_path):
+    bad = tmp_path / "bad.map"
+    bad.write_text("nonsense")
+    monkeypatch.setattr("sys.argv", ["simloop", "bench", "planners", "--scenes", str(bad)])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 2
+    assert "line 1: expected 'type'" in capsys.readouterr().err.replace("\n", " ")
+    assert app is not None
+
+
+def test_the_page_holds_the_figures_the_pictures_and_the_papers_tables(tmp_path, monkeypatch):
+    pytest.importorskip("jinja2")
+    pytest.importorskip("matplotlib")
+    from simloop.peers import page, paper_tables, weights
+
+    table = paper_tables.PaperTable("Title", "Source", ("a", "b"), (("printed", 1.5),))
+    table.ours.append(("ours", 2.5))
+    table.note(True, "alike <here>")
+    monkeypatch.setattr(page, "measure_tables", lambda workers: [table])
+    monkeypatch.setattr(page, "study", lambda one: weights.study(one, "theta_star", 14))
+    request = bench.Request(
+        ("S1", "S4a"), ("tlbo", "ga", "astar"), 1000, 2, history=True, workers=1
+    )
+    result = bench.run(request)
+    file = page.write(tmp_path / "report", result, bench.figures(result))
+    text = file.read_text()
+    assert text.count("<svg") >= 5 and text.count("<img") == 2
+    assert "alike &lt;here&gt;" in text and "2.500" in text
+    assert 'id="S4a"' in text and "http" not in text.replace("http://www.w3.org", "").replace(
+        "http://purl.org", "").replace("http://creativecommons.org", "").replace(
+        "https://matplotlib.org", "")  # fmt: skip
