@@ -107,7 +107,8 @@ def test_a_trial_keeps_its_budget_and_repeats(name):
     first, again = (try_once(name, S1, 3, config, history=True) for _ in range(2))
     assert first.verdict.success and first.evaluations <= 4000
     assert np.array_equal(first.path_m, again.path_m)
-    assert (np.diff(first.history[:, 1]) <= 0.0).all() and len(first.history) > 2
+    assert (np.diff(first.history[:, 1]) <= 0.0).all()
+    assert len(first.history) >= (2 if name == "tlbo_elitist" else 3)
     assert first.history[-1, 1] == pytest.approx(first.verdict.score, rel=1e-6)
 
 

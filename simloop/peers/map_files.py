@@ -2,7 +2,8 @@
 
 Format: https://movingai.com/benchmarks/formats.html. A cell is `CELL_M` wide; the robot is a point
 that keeps `SAFE_CELLS` of a cell, so that it passes where one cell is free. The planners get a
-distance field four times as fine as the map (twice, if that is large), the judge the blocked cells themselves.
+distance field four times as fine as the map (twice, if that is large), the judge the blocked cells
+themselves.
 """
 
 from __future__ import annotations

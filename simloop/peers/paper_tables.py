@@ -79,20 +79,32 @@ def many(scene: str, config: PlannerConfig, runs: int) -> Runs:
 
 
 def _sabiha(name: str, runs: int) -> Runs:
-    """As the paper says: a class of 100, drawn uniformly, that ends after 30 idle generations."""
+    """As the paper says: a class of 100, drawn uniformly, that ends after 30 idle generations; or
+    after 40 000 evaluations, for in double precision J hardly ever stands quite still so long."""
     one = paper_scene("sabiha4")
     config = PlannerConfig(
         name=name,
         safe_distance_m=one.safe_m,
         start_turn_weight=0.0,
-        max_evaluations=200_000,
+        max_evaluations=40_000,
         options={"seeding": "uniform"},
     )
     return many("sabiha4", config, runs)
 
 
 _SABIHA = (("TLBO", "tlbo_paper"), ("GA", "ga"), ("PSO", "pso"), ("GA-PSO", "ga_pso"))
-_IDLE = 30
+_SETTLED = 1.001
+_CLASS = 100
+
+
+def _settled(at: Runs, name: str) -> float:
+    """Mean iterations until J is within .1 % of where it ends."""
+    each = _CLASS * (2 if "tlbo" in name else 1)
+    found = []
+    for plan in at.plans:
+        first = np.argmax(plan.history[:, 1] <= _SETTLED * plan.history[-1, 1])
+        found.append(max(0.0, plan.history[first, 0] - _CLASS) / each)
+    return float(np.mean(found))
 
 
 def sabiha_tables(runs: int = 50) -> list[PaperTable]:
@@ -121,7 +133,7 @@ def sabiha_tables(runs: int = 50) -> list[PaperTable]:
     )
     found = {label: _sabiha(name, runs) for label, name in _SABIHA}
     for label, at in found.items():
-        iterations = float(np.mean(at.generations)) - _IDLE
+        iterations = _settled(at, dict(_SABIHA)[label])
         one.ours.append(
             (label, iterations, float(at.seconds.mean()), float(at.score.min()),
              float(at.score.mean()), float(at.score.std()), 100.0 * at.success)
@@ -132,7 +144,10 @@ def sabiha_tables(runs: int = 50) -> list[PaperTable]:
     one.note(min(means, key=means.__getitem__) == "TLBO", _first("mean J", means))
     one.note(min(stds, key=stds.__getitem__) == "TLBO", _first("std of J", stds))
     rounds = {str(row[0]): float(row[1]) for row in one.ours}
-    one.note(min(rounds, key=rounds.__getitem__) == "TLBO", _first("iterations to the end", rounds))
+    one.note(
+        min(rounds, key=rounds.__getitem__) == "TLBO",
+        _first("iterations until within .1 % of the end", rounds),
+    )
     one.differs.append(
         "Printed best, mean and std of TLBO cannot all be true: a mean of 1200.5 lies 289 above "
         "the best, 835 times the std of .3462."
@@ -165,7 +180,7 @@ def _offline_table(at: Runs) -> PaperTable:
     )
     score = at.score
     table.ours.append(
-        ("TLBO", float(at.generations.mean()) - _IDLE, float(at.seconds.mean()),
+        ("TLBO", _settled(at, "tlbo_paper"), float(at.seconds.mean()),
          float(score.max()), float(score.min()), float(score.mean()), float(score.std()))
     )  # fmt: skip
     near, printed = score.std() / score.mean(), 3.62 / 873
