@@ -171,7 +171,7 @@ def figures(result: Result) -> dict[str, Any]:
     """The JSON: scenes -> planner -> figures, then who is better and by what right."""
     request = result.request
     scenes: dict[str, dict[str, Any]] = {}
-    for scene in result.scenes():
+    for scene in (name for name in result.scenes() if result.planners(name)):
         scenes[scene] = {name: summary(result, scene, name) for name in result.planners(scene)}
     return {
         "scenes": scenes,

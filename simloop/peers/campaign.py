@@ -6,7 +6,7 @@ import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 
 from simloop.peers.tasks import Task
 from simloop.peers.trials import Trial, handles, is_by_chance, settings, try_once
@@ -86,4 +86,6 @@ def run_jobs(
                 done(futures[future])
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
+            for process in active_children():
+                process.terminate()
             raise
