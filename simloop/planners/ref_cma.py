@@ -25,7 +25,8 @@ _SIGMA = 0.02
 
 
 class CmaEs(Reference):
-    """Counts one trial a path evaluated; the routes of the first population are in the account."""
+    """Counts one trial a path evaluated, and what the first population's routes took; that one is
+    always looked at, however small the budget."""
 
     name = "cma"
     points: ClassVar[int] = POINTS
@@ -40,7 +41,7 @@ class CmaEs(Reference):
         objective = PathObjective(p, coding)
         end = int(p.trials[0]) + self.config.max_evaluations
         first = seeded(p, coding, self.config.learners, make_state(rng))
-        p.trials[0] = min(int(p.trials[0]), end - self.config.learners)
+        end = max(end, int(p.trials[0]) + self.config.learners)
         costs = _costs(objective, first)
         best_x, best = first[np.argmin(costs)], float(costs.min())
         starts, size = np.argsort(costs, kind="mergesort"), 0
