@@ -334,8 +334,9 @@ def abed_tables(runs: int = 3) -> list[PaperTable]:
         if (label, scene) in scenes:
             three.note(gain > 0.0, f"{label}: AVOA against APSO {gain:+.2f} % here.")
     two.differs.append(
-        "Printed lengths of maps 2 to 4 (33 to 59 cm) are shorter than the straight line between "
-        "their own ends, (0, 0) to (45, 45): 63.6; maps 3 and 4 of APSO repeat map 1's figure."
+        "If a unit is a centimetre, printed lengths of maps 2 to 4 (33 to 59 cm) are shorter than "
+        "the straight line between their own ends, (0, 0) to (45, 45): 63.6; maps 3 and 4 of APSO "
+        "repeat map 1's figure."
     )
     three.differs.append(
         "Printed rates do not follow from the printed lengths: see the last column."
