@@ -9,14 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from time import perf_counter
 
 import numpy as np
 
 from simloop.config import PlannerConfig
 from simloop.messages import Plan
 from simloop.peers.judge import judge
-from simloop.peers.trials import plan_once, prepare
+from simloop.peers.trials import plan_once, plan_timed, prepare
 from simloop.planners.online import simulate
 from simloop.planners.paper_scenes import online_scene, paper_scene
 
@@ -64,9 +63,9 @@ def many(scene: str, config: PlannerConfig, runs: int) -> Runs:
     plan_once(planner, one, 0)
     plans, verdicts, seconds = [], [], []
     for seed in range(runs):
-        began = perf_counter()
-        plans.append(plan_once(planner, one, seed))
-        seconds.append(perf_counter() - began)
+        plan, took = plan_timed(planner, one, seed)
+        plans.append(plan)
+        seconds.append(took)
         verdicts.append(judge(one, plans[-1].waypoints_m))
     return Runs(
         plans,

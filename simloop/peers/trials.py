@@ -108,6 +108,13 @@ def plan_once(planner: Planner, instance: Instance, seed: int) -> Plan:
     return planner.plan(instance.world, instance.start, instance.goal, rng)
 
 
+def plan_timed(planner: Planner, instance: Instance, seed: int) -> tuple[Plan, float]:
+    """`plan_once`, and the seconds that it took."""
+    began = perf_counter()
+    plan = plan_once(planner, instance, seed)
+    return plan, perf_counter() - began
+
+
 def try_once(
     name: str, instance: Instance, seed: int, config: PlannerConfig, *, history: bool = False
 ) -> Trial:
