@@ -224,8 +224,8 @@ def bench_planners(
     from simloop.peers import bench
 
     request = bench.Request(
-        scenes=_names(scenes),
-        planners=_names(planners),
+        scenes=bench.names(scenes),
+        planners=bench.names(planners),
         budget=bench.BUDGET if budget is None else budget,
         seeds=seeds,
         workers=workers,
@@ -263,12 +263,6 @@ def bench_weights(
     print_table(Console(), f"{count} weights, {planner} on {scene}", header, weights.rows(done))
     _write_json(json_file, weights.figures(done))
     return 0
-
-
-def _names(given: list[str] | None) -> tuple[str, ...]:
-    """Names given one by one or with commas between them, each once."""
-    split = [name.strip() for text in given or () for name in text.split(",")]
-    return tuple(dict.fromkeys(name for name in split if name))
 
 
 @bench_app.command("faults")

@@ -84,6 +84,12 @@ class Result:
         return list(dict.fromkeys(trial.planner for trial in self.trials.get(scene, [])))
 
 
+def names(given: list[str] | None) -> tuple[str, ...]:
+    """Names given one by one or with commas between them, each once."""
+    split = [name.strip() for text in given or () for name in text.split(",")]
+    return tuple(dict.fromkeys(name for name in split if name))
+
+
 def planner_names() -> tuple[str, ...]:
     """The planners that can be compared."""
     return (*planners.available(), PRECISE)
