@@ -23,14 +23,14 @@ from simloop.peers.trials import PRECISE, Trial, handles, is_rule, prepare, sett
 from simloop.planners.scenes import SCENE_NAMES
 
 LEAD = "tlbo"
-BUDGET, SEEDS, LEARNERS = 5_000, 12, 100
+BUDGET, SEEDS, FEW, LEARNERS = 5_000, 12, 3, 100
 _LEAD_PLANS = {LEAD: bench_planners.PLANS, PRECISE: bench_planners.PLANS_PRECISE}
 
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What is to be measured. seeds: at least so many plans a scene; None: `SEEDS`, and the lead
-    planner on its own scenes as often as its own table asks for."""
+    """What is to be measured. seeds: at least so many plans a scene; None: `SEEDS` (`FEW` of
+    what is slow), and the lead planner on its own scenes as often as its own table asks for."""
 
     scenes: tuple[str, ...] = ()
     planners: tuple[str, ...] = ()
@@ -145,6 +145,7 @@ def _measure(result: Result, names: Sequence[str], bar: Progress) -> None:
         result.tasks, names,
         seeds=request.seeds or SEEDS, budget=request.budget, learners=request.learners,
         history=request.history,
+        few=FEW if request.seeds is None else None,
     )  # fmt: skip
     bar.update(step, description="plans", total=len(jobs), completed=0)
     workers = request.workers or os.cpu_count() or 1

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from multiprocessing import active_children, get_context
 
 from simloop.peers.tasks import Task
-from simloop.peers.trials import Trial, handles, is_by_chance, settings, try_once
+from simloop.peers.trials import Trial, handles, is_by_chance, is_slow, settings, try_once
 from simloop.planners.scenes import Instance
 
 
@@ -33,9 +33,11 @@ def make_jobs(
     budget: int,
     learners: int,
     history: bool = False,
+    few: int | None = None,
 ) -> list[Job]:
     """At least ``seeds`` plans a scene and planner, shared by its instances; one an instance
-    for what knows no chance. Where a planner has no answer for a kind of world there is no job."""
+    for what knows no chance, ``few`` at most for what is slow. Where a planner has no answer for a
+    kind of world there is no job."""
     count: dict[str, int] = {}
     for task in tasks:
         count[task.scene] = count.get(task.scene, 0) + 1
@@ -44,7 +46,8 @@ def make_jobs(
         each = -(-seeds // count[task.scene])
         for name in planners:
             if handles(name, task.instance):
-                wanted = range(each if is_by_chance(name) else 1)
+                most = few if few is not None and is_slow(name) else each
+                wanted = range(min(each, most) if is_by_chance(name) else 1)
                 jobs.append(Job(number, name, tuple(wanted), budget, learners, history))
     return jobs
 

@@ -261,6 +261,12 @@ def mohamed_tables() -> list[PaperTable]:
             f"{label}: shortest {least:.3f} here, {printed:.3f} printed "
             f"({100.0 * (least / printed - 1.0):+.2f} %).",
         )
+        error = 100.0 * (most / least - 1.0)
+        allowed = next(float(row[5]) for row in one.printed if row[0] == label)
+        one.note(
+            error < 2.0 * allowed,
+            f"{label}: longest over shortest {error:.2f} % here, {allowed:.3g} % printed.",
+        )
         one.note(at.success == 1.0, f"{label}: {100.0 * at.success:.0f} % of runs reach the goal.")
     two = PaperTable(
         "Against a particle swarm",
