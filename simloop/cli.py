@@ -5,12 +5,10 @@ What is slow to import is imported by the command that needs it, so that help an
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -19,6 +17,16 @@ import typer
 from rich.console import Console
 
 from simloop import __version__
+from simloop.cli_bench import bench_app, replay
+from simloop.cli_common import (
+    INTERRUPTED,
+    JsonFile,
+    Overrides,
+    check_json,
+    compiling_shown,
+    stop_asked,
+    write_json,
+)
 from simloop.errors import InputError
 
 if TYPE_CHECKING:
@@ -35,21 +43,12 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-bench_app = typer.Typer(help="Measure speed and planners.", no_args_is_help=True)
 app.add_typer(bench_app, name="bench")
+app.command("replay")(replay)
 
-INPUT_WRONG, INTERRUPTED = 2, 130
+INPUT_WRONG = 2
 _CUT_OFF = 130
 """What the command line's library returns where Ctrl-C cut a command off, without a word."""
-
-Overrides = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Any key of the scenario, e.g. goal=[3.0,2.5]"),
-]
-JsonFile = Annotated[
-    Path | None, typer.Option("--json", metavar="FILE", help="Write the figures as JSON.")
-]
-
 
 def main() -> None:
     """Entry point of the console script: one clear line for whatever the user got wrong."""
@@ -133,12 +132,12 @@ def run_scenario(
     world = _build(wanted)
     # Nothing has been written so far, and from here on nothing can be wrong with the input.
     console, notes = Console(quiet=quiet), Console(stderr=True, quiet=quiet)
-    with _compiling(notes) as report:
+    with compiling_shown(notes) as report:
         from simloop.warmup import warm_up
 
         warm_up(wanted, world, report)
     outputs.prepare()
-    with _stop_asked() as stop:
+    with stop_asked() as stop:
         watch = _Watch(wanted, world, outputs)
         result = _run(watch.simulation, notes, stop)
         try:
@@ -168,7 +167,7 @@ def certify(
     for name in only or ():
         if name not in certificate.families():
             raise InputError(f"--only {name}: unknown{did_you_mean(name, certificate.families())}")
-    _check_json(json_file)
+    check_json(json_file)
     checks = []
     with checking(Console(stderr=True)) as report:
         for check in certificate.run(only or ()):
@@ -176,180 +175,8 @@ def certify(
             report(check.group, len(checks))
     print_certificate(Console(), checks)
     figures = certificate.figures(checks)
-    _write_json(json_file, {**figures, "versions": versions(), "machine": machine()})
+    write_json(json_file, {**figures, "versions": versions(), "machine": machine()})
     return 0 if figures["ok"] else 1
-
-
-@bench_app.command("loop")
-def bench_loop(
-    json_file: JsonFile = None,
-    scenario: Annotated[str, typer.Option(help="A scenario's name or file.")] = "experiment",
-    repeats: Annotated[int, typer.Option(min=1, help="The best of this many is taken.")] = 3,
-    overrides: Overrides = None,
-) -> int:
-    """Speed of the closed loop: to the clock, to the plant alone, and stage by stage."""
-    from simloop.scenario import load
-
-    wanted = load(scenario, overrides or ())
-    _check_json(json_file)
-    from simloop import bench_loop
-
-    with _compiling(Console(stderr=True)) as report:
-        figures = bench_loop.run(wanted, repeats, report)
-    bench_loop.print_figures(Console(), figures)
-    _write_json(json_file, figures)
-    return 0
-
-
-@bench_app.command("planners")
-def bench_planners(
-    json_file: JsonFile = None,
-    scenes: Annotated[
-        list[str] | None, typer.Option(help="Names, or .map, .scen and image files; default: all.")
-    ] = None,
-    planners: Annotated[list[str] | None, typer.Option(help="Names; default: all.")] = None,
-    budget: Annotated[
-        int | None, typer.Option(min=1, max=10**7, help="Evaluations that each plan may spend.")
-    ] = None,
-    seeds: Annotated[
-        int | None, typer.Option(min=1, max=10**5, help="Plans a scene and planner, at least.")
-    ] = None,
-    workers: Annotated[int, typer.Option(min=0, max=256, help="Processes; 0: one a core.")] = 0,
-    report: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Write a page with pictures.")
-    ] = None,
-) -> int:
-    """Planners on equal terms, beside the optimum: time, gap, safety, significance."""
-    _check_json(json_file)
-    from simloop.peers import bench
-
-    request = bench.Request(
-        scenes=bench.names(scenes),
-        planners=bench.names(planners),
-        budget=bench.BUDGET if budget is None else budget,
-        seeds=seeds,
-        workers=workers,
-        history=report is not None,
-    )
-    request.check()
-    if report is not None:
-        from simloop.peers import page
-
-        page.check(report)
-    result = bench.run(request)
-    figures = bench.figures(result)
-    bench.print_figures(Console(), figures)
-    _write_json(json_file, figures)
-    if report is not None and not result.interrupted:
-        page.write(report, result, figures)
-    return INTERRUPTED if result.interrupted else 0
-
-
-@bench_app.command("weights")
-def bench_weights(
-    json_file: JsonFile = None,
-    scene: Annotated[str, typer.Option(help="A scene of the planners' benchmark.")] = "S1",
-    planner: Annotated[str, typer.Option(help="A planner's name.")] = "tlbo",
-    count: Annotated[int, typer.Option(min=14, max=10_000, help="Pairs of weights.")] = 38,
-) -> int:
-    """The lead paper's weight study: Pareto front of length and turning, PLS with R2 and Q2."""
-    _check_json(json_file)
-    from simloop.peers import bench, tasks, weights
-    from simloop.report import print_table
-
-    bench.Request(scenes=(scene,), planners=(planner,)).check()
-    done = weights.study(tasks.load_scene(scene)[0].instance, planner, count)
-    header = ["", "measured", ""]
-    print_table(Console(), f"{count} weights, {planner} on {scene}", header, weights.rows(done))
-    _write_json(json_file, weights.figures(done))
-    return 0
-
-
-@bench_app.command("faults")
-def bench_faults(
-    json_file: JsonFile = None,
-    seeds: Annotated[int, typer.Option(min=1, help="Runs of each fault.")] = 20,
-) -> int:
-    """Faults on purpose: exit code 0 if the robot handled every one, 1 if not."""
-    _check_json(json_file)
-    from simloop import bench_faults
-    from simloop.report import checking
-
-    trials = []
-    with checking(Console(stderr=True)) as report:
-        for trial in bench_faults.run(seeds, report):
-            trials.append(trial)
-    figures = bench_faults.figures(trials)
-    bench_faults.print_figures(Console(), figures)
-    _write_json(json_file, figures)
-    return 0 if figures["ok"] else 1
-
-
-@bench_app.command("slam")
-def bench_slam(
-    json_file: JsonFile = None,
-    course: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="This course alone (repeatable).")
-    ] = None,
-    seed: Annotated[
-        list[int] | None, typer.Option(min=0, help="The seed of course and sensors (repeatable).")
-    ] = None,
-) -> int:
-    """The mapper on simulated courses: errors against the truth, map, speed."""
-    from simloop import bench_slam
-    from simloop.report import checking
-
-    _check_json(json_file)
-    notes = Console(stderr=True)
-    with _compiling(notes) as report, checking(notes) as said:
-        figures = bench_slam.run(course or (), seed or (0,), said, report)
-    bench_slam.print_figures(Console(), figures)
-    _write_json(json_file, figures)
-    return 0
-
-
-@app.command("replay")
-def replay(
-    log: Annotated[Path, typer.Argument(help="A CARMEN .log or .clf, or an .npz of scans.")],
-    json_file: Annotated[
-        Path | None,
-        typer.Option("--json", metavar="FILE", help="Write the figures as JSON; -: to stdout."),
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Map, trajectory (TUM) and recording.")
-    ] = None,
-    relations: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Relative relations to measure the trajectory by."),
-    ] = None,
-    prior: Annotated[
-        Path | None,
-        typer.Option("--map", metavar="FILE.yaml", help="Find the robot in this map; make none."),
-    ] = None,
-) -> int:
-    """Matcher and mapper on a recorded log of a real robot."""
-    from simloop.mapping.map_file import load_map
-    from simloop.mapping.settings import MappingConfig
-    from simloop.replay import session
-    from simloop.report import counting
-
-    files = session.ReplayFiles(out, json_file)
-    files.check(log, relations, prior, prior and prior.with_suffix(".pgm"))
-    read, truth = session.load(log, relations)
-    config = MappingConfig()
-    known = load_map(prior, config.grid) if prior is not None else None
-    notes, bar = Console(stderr=True), counting(Console(stderr=True), "scans", len(read.t_s))
-    with _stop_asked() as stop, _compiling(notes) as report, bar as show:
-        replayed = session.run(
-            read, truth, config, known, lambda done: show(done) or not stop(), report
-        )
-        session.write(replayed, files)
-    if json_file == session.STDOUT:
-        print(json.dumps(replayed.figures, indent=2))
-    else:
-        session.print_figures(Console(), replayed.figures)
-        _write_json(json_file, replayed.figures)
-    return INTERRUPTED if replayed.figures["interrupted"] else 0
 
 
 class _Watch:
@@ -404,23 +231,6 @@ def _run(simulation: Simulation, notes: Console, stop: Callable[[], bool]) -> Ru
         return simulation.run(progress)
 
 
-@contextmanager
-def _stop_asked() -> Iterator[Callable[[], bool]]:
-    """Tells whether Ctrl-C or a SIGTERM has come: asked for now and then, it cuts nothing off.
-
-    An exception raised wherever the run happens to be could end in the middle of a compiled
-    kernel or of what is being written.
-    """
-    heard: list[int] = []
-    signals = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(one, lambda number, _: heard.append(number)) for one in signals]
-    try:
-        yield lambda: bool(heard)
-    finally:
-        for one, handler in zip(signals, before, strict=True):
-            signal.signal(one, handler)
-
-
 def _build(scenario: Scenario) -> World:
     """The scenario's world. MuJoCo loads what MUJOCO_GL names as it is imported, and fails so."""
     try:
@@ -433,14 +243,6 @@ def _build(scenario: Scenario) -> World:
             f"MUJOCO_GL={name}: cannot be loaded ({error}); choose egl, osmesa or disable"
         ) from None
     return build_world(scenario)
-
-
-@contextmanager
-def _compiling(notes: Console) -> Iterator[Callable[[str, int], None]]:
-    from simloop.report import compiling
-
-    with compiling(notes) as report:
-        yield report
 
 
 def _print_result(console: Console, metrics: dict[str, Any], outputs: Outputs) -> None:
@@ -457,21 +259,6 @@ def _print_result(console: Console, metrics: dict[str, Any], outputs: Outputs) -
         if path is not None and path.exists():
             text = f"  {name:13} {path}" + (f"   ({hint}{path})" if hint else "")
             console.print(text, markup=False, highlight=False, soft_wrap=True)
-
-
-def _check_json(path: Path | None) -> None:
-    from simloop.outputs import check_file
-
-    if path is not None:
-        check_file(path, "--json")
-
-
-def _write_json(path: Path | None, figures: dict[str, Any]) -> None:
-    from simloop.outputs import write_text
-
-    if path is not None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_text(path, json.dumps(figures, indent=2) + "\n")
 
 
 def _fail(message: str, code: int) -> None:

@@ -23,8 +23,8 @@ class Exact(Reference):
     def route(self, world: WorldView, p: Problem, rng: np.random.Generator) -> FloatArray | None:
         """Counts one trial a solution: nothing is searched at random."""
         p.trials[0] += 1
-        discs = np.column_stack([p.disc_x, p.disc_y, p.disc_r])
-        widest = float(p.disc_r.max()) + p.safe_m if len(discs) else 0.0
+        discs = p.discs.T.copy()
+        widest = float(p.discs[2].max()) + p.safe_m if len(discs) else 0.0
         best = exact_path(
             discs,
             np.array([p.low_x, p.low_y, p.high_x, p.high_y]),

@@ -42,11 +42,12 @@ def grown_corners(p: Problem) -> Corners:
     """Start, goal, and the corners of the grown shapes that no other covers and that lie in the
     bounds."""
     rings = [np.array([[p.start_x, p.start_y]]), np.array([[p.goal_x, p.goal_y]])]
-    for x, y, r in zip(p.disc_x, p.disc_y, p.disc_r, strict=True):
+    for x, y, r in p.discs.T:
         rings.append(_arc(x, y, r + p.safe_m, 0.0, 2.0 * math.pi))
     first = 0
-    for last in p.poly_end:
-        corners = np.column_stack([p.poly_x[first:last], p.poly_y[first:last]])
+    while first < len(p.corners):
+        last = int(p.corners[first, 2])
+        corners = p.corners[first:last, :2]
         edges = np.roll(corners, -1, axis=0) - corners
         normal = np.arctan2(-edges[:, 0], edges[:, 1])
         arcs = [
