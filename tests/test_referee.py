@@ -37,7 +37,7 @@ def simulation():
     ],
 )
 def test_how_a_run_ends(simulation, where, speed, contacts, t_s, arrived, gave_up, expected):
-    simulation.robot = SimpleNamespace(arrived=arrived, gave_up=gave_up)
+    simulation.robot = SimpleNamespace(arrived=arrived, gave_up=gave_up, lost=False)
     truth = SimpleNamespace(
         t_ns=round(t_s * 1e9),
         pose_xyyaw=np.array([*where, 0.0]),
@@ -45,6 +45,14 @@ def test_how_a_run_ends(simulation, where, speed, contacts, t_s, arrived, gave_u
         contact_count=contacts,
     )
     assert simulation._outcome(truth) == expected
+
+
+def test_a_robot_that_stays_lost_ends_its_run(simulation):
+    simulation.robot = SimpleNamespace(arrived=False, gave_up=False, lost=True)
+    truth = SimpleNamespace(
+        t_ns=1, pose_xyyaw=np.zeros(3), velocity_body=np.zeros(6), contact_count=0
+    )
+    assert simulation._outcome(truth) == "lost"
 
 
 def heard(*overrides, seconds=0.1):

@@ -7,6 +7,7 @@ of them minimise length alone, which is what their own definition says.
 from __future__ import annotations
 
 import importlib
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -43,7 +44,8 @@ class Reference:
 
     name: ClassVar[str] = ""
     worlds: ClassVar[tuple[str, ...]] = WORLDS
-    """The kinds of world it has an answer for; elsewhere its plan is the straight line, unsafe."""
+    """The kinds of world it has an answer for; a field's discs stand for it elsewhere. Where it
+    finds nothing its plan is the straight line."""
 
     def __init__(self, config: PlannerConfig, vehicle: VehicleConfig) -> None:
         self.config = config
@@ -60,15 +62,16 @@ class Reference:
         reason: str = "frame",
     ) -> Plan:
         """As the protocol says; ``previous`` is not used."""
+        if kind_of(world) not in self.worlds and len(world.discs_xyr_m):
+            # What the cells hold is there as discs too, a little larger.
+            world = replace(world, distance_m=np.zeros((0, 0), np.float32))
         problem = problem_of(self.config, self._overhang, world, start, goal)
 
         def walk(p: Problem, attempt: int) -> Walk:
             before = int(p.trials[0])
             found = self.route(world, p, rng) if kind_of(world) in self.worlds else None
-            here = np.array([[p.start_x, p.start_y]])
-            return Walk(
-                here if found is None else found, found is not None, int(p.trials[0]) - before
-            )
+            straight = np.array([[p.start_x, p.start_y], [p.goal_x, p.goal_y]])
+            return Walk(straight if found is None else found, True, int(p.trials[0]) - before)
 
         return plan_by_walking(self.name, world, problem, walk, reason)
 

@@ -184,8 +184,8 @@ def _ended(p: Problem, done: Walk) -> tuple[FloatArray, float]:
     path, lack = done.path, np.inf
     for share in THIN_SHARES:
         path = thin(np.ascontiguousarray(done.path), share * p.safe_m)
-        if len(path) == 1:
-            path = np.vstack([path, path])
+        if len(path) == 1:  # it never got away: what is shown is where it wanted to go
+            path = np.array([path[0], (p.goal_x, p.goal_y)])
         if done.reached:
             path[-1] = p.goal_x, p.goal_y
         lack = lack_of(p, path)
