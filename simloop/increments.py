@@ -65,21 +65,19 @@ class Trail:
 
     def __init__(self, room: int) -> None:
         self._room, self._end = room, 0
+        self.last_ns = 0  # the last period's instant; 0 before the first
         self._t_ns, self._rows = np.zeros(2 * room, np.int64), np.zeros((2 * room, _COLUMNS))
 
-    def push(self, t_ns: int, row: tuple[float, ...]) -> None:
-        """Add a period's row (13,)."""
+    def push(self, t_ns: int) -> FloatArray:
+        """Add a period; its row (13,), to be filled in."""
         if self._end == len(self._t_ns):
             self._t_ns[: self._room] = self._t_ns[self._room :]
             self._rows[: self._room] = self._rows[self._room :]
             self._end = self._room
-        self._t_ns[self._end], self._rows[self._end] = t_ns, row
+        row: FloatArray = self._rows[self._end]
+        self._t_ns[self._end] = self.last_ns = t_ns
         self._end += 1
-
-    @property
-    def last_ns(self) -> int:
-        """The last period's instant; 0 before the first."""
-        return int(self._t_ns[self._end - 1]) if self._end else 0
+        return row
 
     def odom(self, since_ns: int, until_ns: int) -> tuple[np.ndarray, FloatArray]:
         """Instants (k,) and odom's poses (k, 3) from the last at or before ``since_ns`` on."""

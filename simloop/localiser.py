@@ -17,7 +17,7 @@ import numpy as np
 from simloop import health as reason
 from simloop.config import Config
 from simloop.ekf import Ekf
-from simloop.ekf_model import BIAS, ICR_X, STATES
+from simloop.ekf_model import BIAS, ICR_X, RATE, SPEED, STATES
 from simloop.health import HealthMonitor
 from simloop.increments import Trail
 from simloop.messages import (
@@ -102,6 +102,7 @@ class Localiser:
 
     def _advance(self, encoders: EncoderReading, imu: ImuReading, driven: bool) -> Estimate:
         ekf, health, reckoning = self.ekf, self.health, self._reckoning
+        before_ns = self._trail.last_ns
         new_imu = imu.t_ns > self._imu_ns
         estimate = ekf.advance(encoders, imu, driven)
         self._now_ns, state = estimate.t_ns, estimate.state
@@ -110,24 +111,21 @@ class Localiser:
         health.readings(estimate.t_ns, self._encoders_ns, self._imu_ns)
         health.belts(estimate.t_ns, ekf.belts_refused)
         reckoning.advance(encoders, estimate)
-        speed, rate = estimate.speed, estimate.yaw_rate
+        speed, rate = float(state[SPEED]), float(state[RATE])
         ahead = aside = 0.0
         if new_imu:
             ahead, aside, _ = imu.accel_mps2.tolist()
             self._feel(aside - speed * rate, estimate.t_ns)
-        self._trail.push(
-            estimate.t_ns,
-            (
-                *reckoning.odom_from_base.tolist(),
-                *reckoning.by_wheels.tolist(),
-                ahead,
-                aside,
-                float(imu.gyro_radps[2]),
-                1e-9 * (estimate.t_ns - self._trail.last_ns),
-                speed,
-                -float(state[ICR_X]) * rate,
-                float(not any(ekf.belts_refused)),
-            ),
+        row = self._trail.push(estimate.t_ns)
+        row[:3], row[3:6] = reckoning.odom_from_base, reckoning.by_wheels
+        row[6:] = (
+            ahead,
+            aside,
+            imu.gyro_radps[2],
+            1e-9 * (estimate.t_ns - before_ns),
+            speed,
+            -state[ICR_X] * rate,
+            not (ekf.belts_refused[0] or ekf.belts_refused[1]),
         )
         return estimate
 

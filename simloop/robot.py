@@ -119,7 +119,8 @@ class Robot:
         self.said.append(estimate)
         with self._time["tracker"]:
             command = self._command(estimate, encoders)
-        self._driven = bool(command.voltage_v.any())
+        left, right = command.voltage_v.tolist()
+        self._driven = left != 0.0 or right != 0.0
         return command
 
     def _begin_anew(self) -> None:
