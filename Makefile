@@ -32,7 +32,7 @@ demo: $(READY)
 	@$(VENV)/bin/simloop run experiment --out $(RUN)
 
 test: $(READY)
-	@$(PY) -m pytest -q
+	@$(PY) -m pytest -q -n auto
 
 slow: $(READY)
 	@$(PY) -m pytest -q -m slow
