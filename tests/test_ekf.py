@@ -117,7 +117,7 @@ def filterpys_step(kf, inputs, gates):
     kf.update(np.array([gyro]), lambda _: row, lambda s: row @ s, np.array([[gyro_var]]))
     rows = np.array([wheel_jacobian(kf.x, GAUGE_M, side) for side in (1.0, -1.0)])
     off = np.array(belts) - [wheel_speed(kf.x, GAUGE_M, side) for side in (1.0, -1.0)]
-    spread = rows @ kf.P @ rows.T + wheel_var * np.eye(2)
+    spread = rows @ kf.P @ rows.T + (wheel_var + gates[2]) * np.eye(2)
     alone = off**2 / np.diag(spread)
     refused = np.zeros(2, bool)
     if off @ np.linalg.solve(spread, off) > gates[1]:
@@ -139,10 +139,13 @@ def filterpys_step(kf, inputs, gates):
     st.tuples(st.floats(-0.6, 0.6), st.floats(-0.6, 0.6), st.floats(-2, 2)).map(np.array),
     st.sampled_from([1e-6, 1e-4]),
     st.sampled_from([1e-9, 18.0, 1e9]),
+    st.sampled_from([0.0, 1e-4, 0.1]),
 )
 @settings(max_examples=60)
-def test_the_compiled_step_is_filterpys_predict_and_update(x, seed, accel, z, wheel_var, gate):
-    covariance, gates = random_covariance(seed), np.array([0.8 * gate, gate])
+def test_the_compiled_step_is_filterpys_predict_and_update(
+    x, seed, accel, z, wheel_var, gate, lone_var
+):
+    covariance, gates = random_covariance(seed), np.array([0.8 * gate, gate, lone_var])
     ours, theirs = (PeriodicEkf(dim_x=STATES, dim_z=3) for _ in range(2))
     for kf in (ours, theirs):
         kf.x, kf.P = x.copy(), covariance.copy()
