@@ -33,6 +33,11 @@ def reject(message: str) -> PydanticCustomError:
     return PydanticCustomError("keys_clash", "{text}", {"text": message})
 
 
+def has_area(min_m: tuple[float, float], max_m: tuple[float, float]) -> bool:
+    """Whether the first corner lies below the second in x and in y."""
+    return min_m[0] < max_m[0] and min_m[1] < max_m[1]
+
+
 @dataclass(frozen=True, slots=True, config=_STRICT)
 class RatesConfig:
     """Periods, s. Physics divides control; control divides the LiDAR's and the planner's.
@@ -72,7 +77,7 @@ class FrictionZone:
 
     @model_validator(mode="after")
     def _has_area(self) -> FrictionZone:
-        if not (self.min_m[0] < self.max_m[0] and self.min_m[1] < self.max_m[1]):
+        if not has_area(self.min_m, self.max_m):
             raise reject("tracks.zones: min_m must be below max_m in x and in y")
         return self
 
@@ -93,7 +98,7 @@ class FrictionImage:
 
     @model_validator(mode="after")
     def _has_area(self) -> FrictionImage:
-        if not (self.min_m[0] < self.max_m[0] and self.min_m[1] < self.max_m[1]):
+        if not has_area(self.min_m, self.max_m):
             raise reject("tracks.friction_image: min_m must be below max_m in x and in y")
         return self
 

@@ -15,6 +15,7 @@ import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 from pydantic.dataclasses import dataclass
 
+from simloop.config import has_area
 from simloop.messages import EncoderReading, FloatArray, ImuReading, LidarScan, Truth
 from simloop.obstacles import Coordinate, Point
 from simloop.sensors import RayCaster
@@ -86,7 +87,7 @@ class Fault:
             raise ValueError(f"the keys of a fault '{self.kind}' are {listed}")
         if self.kind == "pushed" and self.for_s == 0.0:
             raise ValueError("a push needs for_s, the time that it takes, s")
-        if self.min_m and self.max_m and not all(np.less(self.min_m, self.max_m)):
+        if self.min_m and self.max_m and not has_area(self.min_m, self.max_m):
             raise ValueError("min_m must be below max_m in x and in y")
         return self
 
@@ -123,6 +124,7 @@ class Faults:
         self._late: list[tuple[int, LidarScan]] = []
         self._pushes: dict[Fault, FloatArray] = {}
         self._moved: set[Fault] = set()
+        self._glass: Glass | None = None
 
     def act(self, body: Body, truth: Truth) -> None:
         """Do to the plant what is due, before its next step."""
@@ -193,7 +195,13 @@ class Faults:
     def rays(self, world: RayCaster) -> RayCaster:
         """The world as the LiDAR's beams meet it."""
         panes = self._of("glass")
-        return Glass(world, panes) if panes else world
+        self._glass = Glass(world, panes) if panes else None
+        return self._glass or world
+
+    def at(self, t_ns: int) -> None:
+        """Tell what stands in the beams' way which instant it is."""
+        if self._glass is not None:
+            self._glass.t_ns = t_ns
 
     def _of(self, *kinds: str) -> list[Fault]:
         return [fault for fault in self._faults if fault.kind in kinds]

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from simloop.faults import Faults, Glass
+from simloop.faults import Faults
 from simloop.messages import LidarScan, Message, Truth
 from simloop.metrics import RunMetrics
 from simloop.plant import Plant
@@ -106,8 +106,7 @@ class Simulation:
                 before, truth = truth, self._step(voltage)
                 encoders = faults.encoders(self._encoders.read(truth))
                 imu = faults.imu(self._imu.read(truth))
-                if isinstance(self._rays, Glass):
-                    self._rays.t_ns = truth.t_ns
+                faults.at(truth.t_ns)
                 scan = faults.scan(self._sweep(before, truth, self._rays), truth.t_ns)
                 command = self.robot.step(encoders, imu, scan)
                 voltage = command.voltage_v

@@ -211,8 +211,8 @@ class Plant:
         braked: whether the holding brakes are on from the beginning.
         """
         mujoco.mj_resetData(self.model, self.data)
-        self._qpos[:3] = pose[0], pose[1], 0.001 + self._under(pose)
-        self._qpos[3:7] = np.cos(pose[2] / 2), 0.0, 0.0, np.sin(pose[2] / 2)
+        self._qpos[2] = 0.001 + self._under(pose)
+        self._stand(pose)
         for array in self._state:
             array[...] = 0
         self._voltage[:] = 0.0
@@ -224,6 +224,11 @@ class Plant:
         self.data.time = 0.0
         self.t_ns, self._contacts, self._touching = 0, 0, False
         return self.truth(self._qvel[:3].copy())
+
+    def _stand(self, pose: FloatArray) -> None:
+        """Set place and heading to a pose (3,) on level ground; the height stays."""
+        self._qpos[:2] = pose[:2]
+        self._qpos[3:7] = np.cos(pose[2] / 2), 0.0, 0.0, np.sin(pose[2] / 2)
 
     def _under(self, pose: FloatArray) -> float:
         """How high the ground reaches under the road wheels at a pose (3,), m."""
@@ -285,8 +290,7 @@ class Plant:
 
     def put_down(self, pose: FloatArray) -> None:
         """Stand at ``pose`` (3,) x, y, yaw, at rest; the sprockets keep their angles."""
-        self._qpos[:2] = pose[:2]
-        self._qpos[3:7] = np.cos(pose[2] / 2), 0.0, 0.0, np.sin(pose[2] / 2)
+        self._stand(pose)
         self._qvel[:] = 0.0
         mujoco.mj_forward(self.model, self.data)
 

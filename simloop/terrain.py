@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from pydantic import ConfigDict, Field, model_validator
 from pydantic.dataclasses import dataclass
 
-from simloop.config import Friction, Length
+from simloop.config import Friction, Length, has_area
 from simloop.obstacles import Point
 
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
@@ -70,7 +70,7 @@ class HeightField:
 
     @model_validator(mode="after")
     def _is_one_of_two(self) -> HeightField:
-        if not (self.min_m[0] < self.max_m[0] and self.min_m[1] < self.max_m[1]):
+        if not has_area(self.min_m, self.max_m):
             raise ValueError("min_m must be below max_m in x and in y")
         if (self.image is None) == (self.rms_m is None):
             raise ValueError("give either image and height_m, or rms_m")

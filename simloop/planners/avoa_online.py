@@ -12,16 +12,16 @@ over twelve safe distances (3.1 m); ten times the straight way is allowed.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import ClassVar
 
 import numpy as np
 
-from simloop.config import PlannerConfig, VehicleConfig
-from simloop.messages import FloatArray, Plan, WorldView
+from simloop.messages import WorldView
 from simloop.planners.clearance import Problem
 from simloop.planners.fuzzy import FuzzySteering
 from simloop.planners.online import Senses, box_of, kept
-from simloop.planners.rollout import Walk, plan_by_walking, problem_of
+from simloop.planners.rollout import Walk, WalkingPlanner
 from simloop.planners.rule_avoa import AfricanVultures
 from simloop.planners.rule_swarm import AdaptiveSwarm
 from simloop.planners.sensing import Look
@@ -36,39 +36,18 @@ _WAITS = 3
 _NO_MOVERS = np.zeros((0, 5))
 
 
-class OnlinePlanner:
-    """Keeps `simloop.planners.protocol.Planner`; a steering of its own for each walk."""
+class OnlinePlanner(WalkingPlanner):
+    """A steering of its own for each walk; what does not arrive ends where it came nearest."""
 
-    name = ""
     invariant: ClassVar[tuple[str, ...]] = ("shift", "rotate", "mirror", "scale")
-
-    def __init__(self, config: PlannerConfig, vehicle: VehicleConfig) -> None:
-        self._config = config
-        self._overhang = max(vehicle.footprint_offsets_m)
 
     def steering(self) -> Steering:
         """What chooses the headings."""
         raise NotImplementedError
 
-    def plan(
-        self,
-        world: WorldView,
-        start: FloatArray,
-        goal: FloatArray,
-        rng: np.random.Generator,
-        *,
-        previous: Plan | None = None,
-        reason: str = "frame",
-    ) -> Plan:
-        """As the protocol says. Where the walk does not get to the goal, the plan ends where it
-        came nearest, and is not safe."""
-        problem = problem_of(self._config, self._overhang, world, start, goal)
+    def _walker(self, world: WorldView, rng: np.random.Generator) -> Callable[[Problem, int], Walk]:
         state = make_state(rng)
-
-        def walk(p: Problem, attempt: int) -> Walk:
-            return self._walk(p, state)
-
-        return plan_by_walking(self.name, world, problem, walk, reason)
+        return lambda p, attempt: self._walk(p, state)
 
     def _walk(self, p: Problem, state: State) -> Walk:
         safe_m, box = kept(p), box_of(p)

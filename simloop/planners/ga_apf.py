@@ -26,21 +26,21 @@ Filled in, for the text leaves it open:
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from simloop.config import PlannerConfig, VehicleConfig
-from simloop.messages import FloatArray, Plan, WorldView
+from simloop.messages import FloatArray, WorldView
 from simloop.obstacle_discs import discs_of
 from simloop.planners.clearance import Problem
 from simloop.planners.rollout import (
     Walk,
+    WalkingPlanner,
     inside_bounds,
     lack_of,
-    plan_by_walking,
-    problem_of,
     surface,
 )
 from simloop.planners.splitmix import State, below, make_state, uniform
@@ -225,36 +225,19 @@ def evolve(
     return generations
 
 
-class GaApf:
-    """Keeps `simloop.planners.protocol.Planner`."""
+class GaApf(WalkingPlanner):
+    """The field of a view's discs, deformed anew for each plan."""
 
     name = "ga_apf"
     invariant = ("shift", "rotate", "mirror", "scale")
 
     def __init__(self, config: PlannerConfig, vehicle: VehicleConfig) -> None:
-        self._config = config
-        self._overhang = max(vehicle.footprint_offsets_m)
+        super().__init__(config, vehicle)
         self._path = np.zeros((_MOST_STEPS, 2))
 
-    def plan(
-        self,
-        world: WorldView,
-        start: FloatArray,
-        goal: FloatArray,
-        rng: np.random.Generator,
-        *,
-        previous: Plan | None = None,
-        reason: str = "frame",
-    ) -> Plan:
-        """As the protocol says; ``previous`` is not used."""
-        problem = problem_of(self._config, self._overhang, world, start, goal)
-        discs = _discs(world)
-        state = make_state(rng)
-
-        def walk(p: Problem, attempt: int) -> Walk:
-            return self._search(p, discs, state)
-
-        return plan_by_walking(self.name, world, problem, walk, reason)
+    def _walker(self, world: WorldView, rng: np.random.Generator) -> Callable[[Problem, int], Walk]:
+        discs, state = _discs(world), make_state(rng)
+        return lambda p, attempt: self._search(p, discs, state)
 
     def _search(self, p: Problem, discs: FloatArray, state: State) -> Walk:
         """Evolve in the strip, and in wider ones as long as nothing gets to the goal safely."""

@@ -13,9 +13,8 @@ from simloop.errors import did_you_mean
 from simloop.messages import FloatArray, Plan, WorldView
 from simloop.planners.clearance import Problem
 from simloop.planners.codings import CODINGS, PathObjective, encode, make_coding
-from simloop.planners.objective import intrusion, length_and_turning, make_stack
 from simloop.planners.population import Population, Rule, minimise
-from simloop.planners.rollout import problem_of
+from simloop.planners.rollout import account, lack_of, problem_of
 from simloop.planners.seeds import seeded
 from simloop.planners.splitmix import make_state
 from simloop.planners.warm import way_ahead
@@ -82,26 +81,21 @@ class PopulationPlanner:
     ) -> Plan:
         """As the protocol says. What lies ahead of ``previous`` is in a seeded first population;
         rules that begin uniformly, as the papers print them, begin anew."""
-        config = self._config
-        problem = problem_of(config, self._overhang, world, start, goal)
+        problem = problem_of(self._config, self._overhang, world, start, goal)
         population, objective, generations = self._search(problem, rng, previous)
         path = objective.path(population.best_x)
         if math.dist(start[:2], goal) < _HERE_M:
             path = np.array([start[:2], goal], dtype=np.float64)
-        lack = intrusion(problem, path, len(path), np.inf, make_stack())
-        length, turning = length_and_turning(path, len(path))
-        plain = config.length_weight * length + config.turning_weight * turning
+        lack = lack_of(problem, path)
         shown = np.argsort(population.cost, kind="mergesort")[:_SHOWN]
-        return Plan(
-            t_ns=world.t_ns,
-            waypoints_m=path,
-            cost=plain + config.penalty * lack,
-            length_m=length,
-            turning_rad=turning,
-            safe=lack == 0.0,
+        return account(
+            self.name,
+            world,
+            problem,
+            path,
+            lack,
             evaluations=population.spent,
             generations=generations,
-            planner=self.name,
             reason=reason,
             candidates_m=tuple(objective.path(population.x[k]) for k in shown),
             history=np.array(population.history, dtype=np.float64).reshape(-1, 2),

@@ -12,14 +12,15 @@ distance field, which knows no single obstacles, the nearest surface alone repel
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numba import njit
 
 from simloop.config import PlannerConfig, VehicleConfig
-from simloop.messages import FloatArray, Plan, WorldView
+from simloop.messages import FloatArray, WorldView
 from simloop.planners.clearance import Problem
-from simloop.planners.rollout import Walk, inside_bounds, plan_by_walking, problem_of, surface
+from simloop.planners.rollout import Walk, WalkingPlanner, inside_bounds, surface
 
 ATTRACTION = 1.0
 REPULSION = 4.0
@@ -88,32 +89,19 @@ def follow_force(p: Problem, path: FloatArray) -> tuple[int, bool]:
     return path.shape[0], False
 
 
-class PotentialField:
-    """Keeps `simloop.planners.protocol.Planner`; draws nothing from the generator."""
+class PotentialField(WalkingPlanner):
+    """Draws nothing from the generator; where it gets stuck, the plan ends there."""
 
     name = "potential_field"
     invariant = ("shift", "rotate", "mirror", "scale")
 
     def __init__(self, config: PlannerConfig, vehicle: VehicleConfig) -> None:
-        self._config = config
-        self._overhang = max(vehicle.footprint_offsets_m)
+        super().__init__(config, vehicle)
         self._path = np.zeros((_MOST_STEPS, 2))
 
-    def plan(
-        self,
-        world: WorldView,
-        start: FloatArray,
-        goal: FloatArray,
-        rng: np.random.Generator,
-        *,
-        previous: Plan | None = None,
-        reason: str = "frame",
-    ) -> Plan:
-        """As the protocol says. Where it gets stuck, the plan ends there and is not safe."""
-        problem = problem_of(self._config, self._overhang, world, start, goal)
-
+    def _walker(self, world: WorldView, rng: np.random.Generator) -> Callable[[Problem, int], Walk]:
         def walk(p: Problem, attempt: int) -> Walk:
             count, reached = follow_force(p, self._path)
             return Walk(self._path[:count].copy(), reached, count)
 
-        return plan_by_walking(self.name, world, problem, walk, reason)
+        return walk

@@ -39,9 +39,9 @@ class CmaEs(Reference):
         """The best path evaluated, safe or not."""
         coding = make_coding(p, "box", self.points)
         objective = PathObjective(p, coding)
-        end = int(p.trials[0]) + self.config.max_evaluations
-        first = seeded(p, coding, self.config.learners, make_state(rng))
-        end = max(end, int(p.trials[0]) + self.config.learners)
+        end = int(p.trials[0]) + self._config.max_evaluations
+        first = seeded(p, coding, self._config.learners, make_state(rng))
+        end = max(end, int(p.trials[0]) + self._config.learners)
         costs = _costs(objective, first)
         best_x, best = first[np.argmin(costs)], float(costs.min())
         starts, size = np.argsort(costs, kind="mergesort"), 0

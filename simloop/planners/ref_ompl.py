@@ -51,7 +51,7 @@ class InformedRrtStar(Reference):
         search = getattr(self._geometric, self.method)(info)
         search.setProblemDefinition(task)
         search.setup()
-        end = int(p.trials[0]) + self.config.max_evaluations
+        end = int(p.trials[0]) + self._config.max_evaluations
         search.solve(base.PlannerTerminationCondition(lambda: int(p.trials[0]) >= end))
         if not task.hasExactSolution():
             return None

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numba import njit
 
-from simloop.config import PlannerConfig
+from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray, Plan, WorldView
 from simloop.planners.clearance import (
     Problem,
@@ -161,21 +161,72 @@ def plan_by_walking(
             break
     assert best is not None
     badness, done, path = best
+    return account(
+        name,
+        world,
+        problem,
+        path,
+        badness,
+        evaluations=evaluations,
+        generations=done.generations,
+        candidates_m=done.candidates,
+        reason=reason,
+    )
+
+
+def account(
+    name: str, world: WorldView, p: Problem, path: FloatArray, lack_m: float, **told: Any
+) -> Plan:
+    """The plan along a path (n, 2) that lacks so much: J with the lack's price, length, turning.
+
+    told: `Plan`'s further fields.
+    """
     length, turning = length_and_turning(path, len(path))
-    cost = problem.length_weight * length + problem.turning_weight * turning
+    cost = p.length_weight * length + p.turning_weight * turning
     return Plan(
         t_ns=world.t_ns,
         waypoints_m=path,
-        cost=cost + problem.penalty * badness,
+        cost=cost + p.penalty * lack_m,
         length_m=length,
         turning_rad=turning,
-        safe=badness == 0.0,
-        evaluations=evaluations,
-        generations=done.generations,
+        safe=lack_m == 0.0,
         planner=name,
-        reason=reason,
-        candidates_m=done.candidates,
+        **told,
     )
+
+
+class WalkingPlanner:
+    """Keeps `simloop.planners.protocol.Planner`; a subclass says how a view is walked."""
+
+    name: ClassVar[str] = ""
+
+    def __init__(self, config: PlannerConfig, vehicle: VehicleConfig) -> None:
+        self._config = config
+        self._overhang = max(vehicle.footprint_offsets_m)
+
+    def plan(
+        self,
+        world: WorldView,
+        start: FloatArray,
+        goal: FloatArray,
+        rng: np.random.Generator,
+        *,
+        previous: Plan | None = None,
+        reason: str = "frame",
+    ) -> Plan:
+        """As the protocol says; ``previous`` is not used. A walk that does not get to the goal
+        makes a plan that ends where it did, and is not safe."""
+        seen = self._seen(world)
+        problem = problem_of(self._config, self._overhang, seen, start, goal)
+        return plan_by_walking(self.name, seen, problem, self._walker(seen, rng), reason)
+
+    def _seen(self, world: WorldView) -> WorldView:
+        """The view as this planner can take it."""
+        return world
+
+    def _walker(self, world: WorldView, rng: np.random.Generator) -> Callable[[Problem, int], Walk]:
+        """What walks, see `plan_by_walking`."""
+        raise NotImplementedError
 
 
 def _ended(p: Problem, done: Walk) -> tuple[FloatArray, float]:
