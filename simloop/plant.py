@@ -16,6 +16,7 @@ from simloop.arena import SEEN_GROUPS, is_free
 from simloop.config import Config
 from simloop.ground import ground_height
 from simloop.messages import FloatArray, LooseTruth, TrackTruth, Truth
+from simloop.plant_geoms import geom_kinds, road_wheels
 from simloop.plant_kernels import (
     ACCELERATION,
     ANGLE,
@@ -31,10 +32,6 @@ from simloop.plant_kernels import (
 )
 from simloop.track_kernel import apply_tracks, settle_account
 from simloop.tracks import (
-    GROUND,
-    HULL,
-    OBSTACLE,
-    WHEEL,
     BodyArrays,
     ContactArrays,
     Geoms,
@@ -48,41 +45,6 @@ from simloop.tracks import (
 _GRAVITY_MPS2 = 9.81
 _TURNING_RADPS = 0.02
 _WHEEL_M = 0.06  # about a road wheel, what is under it; well within its own side
-
-
-def geom_kinds(model: mujoco.MjModel) -> np.ndarray:
-    """(ngeom,) what each geom is to the tracks: ground, obstacle, hull or road wheel i.
-
-    Ground is ``floor`` and whatever is named ``ground_*`` or ``loose_*`` (things that may be
-    pushed about); the vehicle is the tree under base_link.
-    """
-    root = model.body("base_link").id
-    kinds = np.full(model.ngeom, OBSTACLE, np.int64)
-    for geom in range(model.ngeom):
-        name = model.geom(geom).name
-        if model.body_rootid[model.geom_bodyid[geom]] == root:
-            kinds[geom] = HULL
-        elif name == "floor" or name.startswith(("ground_", "loose_")):
-            kinds[geom] = GROUND
-    for number, geom in enumerate(road_wheels(model)):
-        kinds[geom] = WHEEL + number
-    return kinds
-
-
-def road_wheels(model: mujoco.MjModel) -> list[int]:
-    """The road wheels' geoms, ``road_left_0`` (the foremost), ``road_left_1``, ..., then the right.
-
-    Raises ValueError where the sides differ in number or there are fewer than two.
-    """
-    sides = []
-    for label in ("left", "right"):
-        count = 0
-        while mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, f"road_{label}_{count}") >= 0:
-            count += 1
-        sides.append([model.geom(f"road_{label}_{i}").id for i in range(count)])
-    if len(sides[0]) != len(sides[1]) or len(sides[0]) < 2:
-        raise ValueError("each side of the vehicle needs as many road wheels, two or more")
-    return sides[0] + sides[1]
 
 
 def _of_its_own(model: mujoco.MjModel, config: Config) -> mujoco.MjModel:
@@ -280,9 +242,7 @@ class Plant:
             for x, y, _ in side
         ]
         zones = self._ground.zones
-        self._zones = self._ground._replace(
-            zones=np.concatenate((zones, rows)) if rows else zones
-        )
+        self._zones = self._ground._replace(zones=np.concatenate((zones, rows)) if rows else zones)
 
     def push(self, force_n: FloatArray) -> None:
         """A force (2,) on the chassis, in the world, from now on."""

@@ -20,7 +20,8 @@ from simloop.config import (
     TracksConfig,
     VehicleConfig,
 )
-from simloop.plant import Plant, road_wheels
+from simloop.plant import Plant
+from simloop.plant_geoms import road_wheels
 from simloop.track_kernel import _patch_of
 from simloop.track_theory import Icr, icr_motion
 from simloop.tracks import friction_at, friction_map, motor_current, state_block, track_parameters
@@ -181,9 +182,7 @@ def test_the_tracks_truth_is_the_motions_own():
 
 
 def test_zones_have_a_friction_of_their_own_and_the_last_one_holds():
-    zones = friction_map(
-        [FrictionZone((0, 0), (2, 2), 0.3), FrictionZone((1, 1), (2, 2), 0.9)]
-    )
+    zones = friction_map([FrictionZone((0, 0), (2, 2), 0.3), FrictionZone((1, 1), (2, 2), 0.9)])
     places = [(0.5, 0.5), (1.5, 1.5), (3.0, 0.5), (-0.1, 0.5)]
     assert [friction_at(*at, zones, 0.6) for at in places] == [0.3, 0.9, 0.6, 0.6]
     with pytest.raises(ValueError, match="min_m"):
