@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
+from scipy.stats import chi2
 
 from simloop.bench_courses import COURSES
 from simloop.bench_drive import Drive, drive
@@ -31,6 +32,7 @@ from simloop.scan_match import deskew
 from simloop.se2 import between, compose, wrap_angle
 
 _RPE_M = 1.0
+_SUMMARY = ("course", "seeds", "ate_rmse_max_m", "ate_from_start_max_m", "nees_mean")
 _COLUMNS = (
     "way_m",
     "ate_rmse_m",
@@ -68,7 +70,37 @@ def run(
             course = COURSES[name](np.random.default_rng([seed, 0x51]))
             driven = drive(course, seed)
             rows.append({"course": name, "seed": seed, **measure(driven)})
-    return {"courses": rows, "versions": versions(), "machine": machine()}
+    return {
+        "courses": rows,
+        "summary": summarise(rows),
+        "versions": versions(),
+        "machine": machine(),
+    }
+
+
+def summarise(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Each course over its seeds: worst errors, and whether its covariances are honest.
+
+    nees_mean: of the runs' means. nees_band: where the mean of so many independent errors of three
+    degrees of freedom lies with 95 % (Bar-Shalom et al. 2001, Sec. 5.4).
+    """
+    summary = []
+    for course in dict.fromkeys(row["course"] for row in rows):
+        mine = [row for row in rows if row["course"] == course]
+        band = [float(chi2.ppf(q, 3 * len(mine)) / len(mine)) for q in (0.025, 0.975)]
+        mean = float(np.mean([row["nees_mean"] for row in mine]))
+        summary.append(
+            {
+                "course": course,
+                "seeds": len(mine),
+                "ate_rmse_max_m": max(row["ate_rmse_m"] for row in mine),
+                "ate_from_start_max_m": max(row["ate_from_start_m"] for row in mine),
+                "nees_mean": mean,
+                "nees_band": band,
+                "consistent": band[0] <= mean <= band[1],
+            }
+        )
+    return summary
 
 
 def measure(driven: Drive) -> dict[str, Any]:
@@ -190,3 +222,9 @@ def print_figures(console: Console, figures: dict[str, Any]) -> None:
         for row in figures["courses"]
     ]
     print_table(console, "slam", ["course", "seed", *_COLUMNS], rows)
+    rows = [
+        [*(f"{one[key]}" for key in _SUMMARY[:2]), *(f"{one[key]:.3g}" for key in _SUMMARY[2:]),
+         "{:.3g} to {:.3g}".format(*one["nees_band"])]
+        for one in figures["summary"]
+    ]  # fmt: skip
+    print_table(console, "over all seeds", [*_SUMMARY, "nees_band (95 %)"], rows)

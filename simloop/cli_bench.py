@@ -139,6 +139,7 @@ def bench_slam(
     seed: Annotated[
         list[int] | None, typer.Option(min=0, help="The seed of course and sensors (repeatable).")
     ] = None,
+    seeds: Annotated[int, typer.Option(min=1, help="So many seeds, from 0 on.")] = 1,
 ) -> int:
     """The mapper on simulated courses: errors against the truth, map, speed."""
     from simloop import bench_slam
@@ -147,7 +148,7 @@ def bench_slam(
     check_json(json_file)
     notes = Console(stderr=True)
     with compiling_shown(notes) as report, checking(notes) as said:
-        figures = bench_slam.run(course or (), seed or (0,), said, report)
+        figures = bench_slam.run(course or (), seed or range(seeds), said, report)
     bench_slam.print_figures(Console(), figures)
     write_json(json_file, figures)
     return 0

@@ -9,7 +9,7 @@ import pytest
 
 from simloop.bench_courses import COURSES
 from simloop.bench_drive import drive
-from simloop.bench_slam import measure, run
+from simloop.bench_slam import measure, run, summarise
 from simloop.errors import InputError
 
 ROBOT_M = 0.34  # from its middle to a corner
@@ -59,3 +59,21 @@ def test_a_drive_is_mapped_and_measured_against_the_truth():
 def test_an_unknown_course_is_refused():
     with pytest.raises(InputError, match="did you mean 'office'"):
         run(["ofice"])
+
+
+def test_a_summary_says_whether_covariances_are_honest():
+    def row(nees):
+        return {"course": "loop", "nees_mean": nees, "ate_rmse_m": nees, "ate_from_start_m": 0.0}
+
+    (honest,) = summarise([row(nees) for nees in (1.0, 3.0, 5.0, 3.0)])
+    assert honest["consistent"] and honest["nees_mean"] == 3.0 and honest["ate_rmse_max_m"] == 5.0
+    assert honest["nees_band"] == pytest.approx([1.101, 5.834], abs=0.001)  # chi-square of 12 / 4
+    for nees in (1.0, 6.0):
+        assert not summarise([row(nees)] * 4)[0]["consistent"]
+
+
+@pytest.mark.slow
+def test_the_mapper_is_exact_and_honest_on_the_loop_over_fifty_seeds():
+    (summary,) = run(["loop"], range(50))["summary"]
+    assert summary["consistent"], summary
+    assert summary["ate_from_start_max_m"] < 0.05

@@ -14,9 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from simloop.correlative import thinned
-from simloop.ekf_model import inverse_3
 from simloop.mapping.pose_graph import Edge, PoseGraph, turned
-from simloop.mapping.scan_tracker import NEXT_TO_NOTHING
+from simloop.mapping.scan_tracker import match_covariance
 from simloop.mapping.settings import MappingConfig
 from simloop.mapping.submap import Submap, meetings
 from simloop.messages import FloatArray
@@ -115,10 +114,8 @@ class ClosureFinder:
     def _covariance(
         self, submap: Submap, pose: FloatArray, information: FloatArray, residual: float
     ) -> FloatArray:
-        config = self._config
-        floor = np.square([config.closure_std_xy_m] * 2 + [config.closure_std_yaw_rad])
-        covariance = inverse_3(information + NEXT_TO_NOTHING) * max(residual, 0.1)
-        return turned(covariance, -submap.anchor_pose[2]) + np.diag(floor)
+        covariance = match_covariance(information, residual, self._config)
+        return turned(covariance, -submap.anchor_pose[2])
 
     def _weigh(self, find: _Find, local: list[FloatArray]) -> list[Edge]:
         """A sure find at once; another once a second one says the same."""

@@ -131,21 +131,18 @@ class GraphMapper:
                 self.finish()
 
     def _join(self, local: FloatArray) -> int:
-        """Put a keyframe into the graph, where the front end has it."""
+        """Put a keyframe into the graph, where the front end has it.
+
+        By one edge, to the anchor of the submap to which it was matched: what else could be said,
+        as how it lies to the keyframe before, would be the same match told twice.
+        """
         if not self._locals:
             return self.graph.add_pose(local)
-        before = len(self._locals) - 1
-        way = between(self._locals[before], local)
-        number = self.graph.add_pose(compose(self.graph.poses[before], way))
-        pairs = [(before, self._locals[before], way)]
         submap = self._active[0]
-        if submap.anchor != before:
-            pairs.append((submap.anchor, submap.anchor_pose, between(submap.anchor_pose, local)))
-        config = self._config
-        floor = np.diag(np.square([config.match_std_xy_m] * 2 + [config.match_std_yaw_rad]))
-        for first, pose, step in pairs:
-            covariance = turned(self._tracker.covariance, -pose[2]) + floor
-            self.graph.add_edge(Edge(first, number, step, covariance, False))
+        step = between(submap.anchor_pose, local)
+        number = self.graph.add_pose(compose(self.graph.poses[submap.anchor], step))
+        covariance = turned(self._tracker.covariance, -submap.anchor_pose[2])
+        self.graph.add_edge(Edge(submap.anchor, number, step, covariance, False))
         return number
 
     def _enter(self, number: int, points: FloatArray, origins: FloatArray) -> None:

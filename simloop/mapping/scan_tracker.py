@@ -32,6 +32,18 @@ class _Fit:
     residual: float
 
 
+def match_covariance(
+    information: FloatArray, residual: float, config: MappingConfig
+) -> FloatArray:
+    """(3, 3) of a match's x, y, yaw: the inverse of its information, by what its points missed.
+
+    Points that meet one surface share its error in the map, which no number of them averages away:
+    all of them are worth ``erring_alike`` times fewer.
+    """
+    independent = inverse_3(information + NEXT_TO_NOTHING) * max(residual, 0.1)
+    return independent * config.erring_alike
+
+
 class ScanTracker:
     """pose (3,) of base_link in the map's frame, and its covariance (3, 3).
 
@@ -112,9 +124,7 @@ class ScanTracker:
 
     def _correct_by(self, fit: _Fit) -> None:
         """Weigh the fit against what odometry says (a Kalman update)."""
-        config = self._config
-        noise = inverse_3(fit.information + NEXT_TO_NOTHING) * max(fit.residual, 0.1)
-        noise += np.diag(np.square([config.fit_std_xy_m] * 2 + [config.fit_std_yaw_rad]))
+        noise = match_covariance(fit.information, fit.residual, self._config)
         off = fit.pose - self.pose
         off[2] = wrap_angle(off[2])
         weight = inverse_3(self.covariance + noise)

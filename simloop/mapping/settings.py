@@ -16,8 +16,8 @@ class MappingConfig:
     a submap; the next begins halfway. cluster_keyframes: scans that are matched as one for a
     closure, one every closure_every keyframes. agreement: the share that surfaces must have among
     the points that meet what the submap knows. sure_window_*: the search's size within which one
-    closure suffices; beyond it a second must agree. match_std_*: of a match, whatever it says of
-    itself; closure_std_*: of a closure alike. rival_score: share of a find's score that no place
+    closure suffices; beyond it a second must agree. erring_alike: points of a scan that share the
+    error of the surface they meet. rival_score: share of a find's score that no place
     elsewhere may reach. track_agreement: the like in a known map, in which lost_scans in a row
     that agree less mean lost; of the last lookout_keyframes a lost robot makes its picture.
     """
@@ -32,15 +32,10 @@ class MappingConfig:
     odometry_yaw_per_rad: float = 0.1
     search_points: int = 150
     least_share: float = 0.3
-    fit_std_xy_m: float = 0.005
-    fit_std_yaw_rad: float = 0.002
+    erring_alike: float = 7.5
     keyframe_m: float = 0.3
     keyframe_rad: float = 0.3
     submap_keyframes: int = 40
-    match_std_xy_m: float = 0.005
-    match_std_yaw_rad: float = 0.002
-    closure_std_xy_m: float = 0.01
-    closure_std_yaw_rad: float = 0.003
     closure_every: int = 3
     cluster_keyframes: int = 8
     cluster_points: int = 400
