@@ -24,7 +24,7 @@ $(READY): pyproject.toml constraints.txt
 	  { echo "the venv module is missing; try: apt-get install python3-venv" >&2; exit 1; }
 	@echo "installing simloop into $(VENV) (once, about two minutes)"
 	@$(PY) -m pip install --quiet --disable-pip-version-check \
-	  --constraint constraints.txt --editable '.[bench,dev,references,report,slam]'
+	  --constraint constraints.txt --editable '.[bench,dask,dev,references,report,slam]'
 	@-$(PYTHON) scripts/rendering_libraries.py
 	@touch $@
 

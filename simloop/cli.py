@@ -18,6 +18,7 @@ from rich.console import Console
 
 from simloop import __version__
 from simloop.cli_bench import bench_app, replay
+from simloop.cli_campaign import campaign
 from simloop.cli_common import (
     INTERRUPTED,
     JsonFile,
@@ -45,6 +46,7 @@ app = typer.Typer(
 )
 app.add_typer(bench_app, name="bench")
 app.command("replay")(replay)
+app.command("campaign")(campaign)
 
 INPUT_WRONG = 2
 _CUT_OFF = 130

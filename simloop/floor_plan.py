@@ -32,6 +32,9 @@ class Section:
         self.vertices_m.setflags(write=False)
 
 
+_Packed = tuple[FloatArray, NDArray[np.int64], FloatArray]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class FloorPlan:
     """Signed distances to the nearest obstacle or wall, negative inside one.
@@ -47,15 +50,17 @@ class FloorPlan:
     distance_m: NDArray[np.float32]
     bounds_m: FloatArray
     sections: tuple[Section, ...] = field(repr=False)
+    _outlines: _Packed = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "_outlines", _packed(self.sections))
         for array in (self.origin_m, self.distance_m, self.bounds_m):
             array.setflags(write=False)
 
     def clearance_m(self, points_m: FloatArray) -> FloatArray:
         """(N,) exact signed distances of points (N, 2): from the shapes, not from the raster."""
         points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
-        return _distances(points, *_packed(self.sections))
+        return _distances(points, *self._outlines)
 
     def contains(self, point_m: Sequence[float] | FloatArray) -> bool:
         """Whether a point lies within the arena's bounds."""
@@ -84,9 +89,7 @@ def rasterise(
     )
 
 
-def _packed(
-    sections: Sequence[Section],
-) -> tuple[FloatArray, NDArray[np.int64], FloatArray]:
+def _packed(sections: Sequence[Section]) -> _Packed:
     """All vertices in one array (sum V, 2), where each section starts (S + 1,), radii (S,)."""
     outlines = [section.vertices_m for section in sections]
     starts = np.cumsum([0, *(len(outline) for outline in outlines)], dtype=np.int64)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import platform
 from collections.abc import Sequence
+from functools import lru_cache
 from importlib import metadata
 from typing import Any, Literal
 
@@ -155,13 +156,9 @@ class RunMetrics:
 
     def _shortest_m(self) -> float | None:
         scenario = self._scenario
-        way = shortest_path(
-            self._floor,
-            np.array(scenario.start[:2]),
-            np.array(scenario.goal),
-            scenario.config.vehicle.footprint_radius_m,
-        )
-        return None if way is None else max(0.0, way.length_m - scenario.goal_tolerance_m)
+        radius_m = scenario.config.vehicle.footprint_radius_m
+        length_m = _shortest_m(self._floor, scenario.start[:2], scenario.goal, radius_m)
+        return None if length_m is None else max(0.0, length_m - scenario.goal_tolerance_m)
 
     def _estimation_errors(self, poses: FloatArray) -> dict[str, Any]:
         if not self._states or not len(poses):
@@ -180,6 +177,15 @@ class RunMetrics:
             "nees_mean": float(np.mean(nees)),
             "health": account(self._health, np.array(self._estimate_ns), error, truth),
         }
+
+
+@lru_cache(maxsize=8)
+def _shortest_m(
+    floor: FloorPlan, start: tuple[float, float], goal: tuple[float, float], radius_m: float
+) -> float | None:
+    """Length of the shortest way; among hundreds of things it takes seconds, and seeds share it."""
+    way = shortest_path(floor, np.array(start), np.array(goal), radius_m)
+    return None if way is None else way.length_m
 
 
 def _at(t_ns: FloatArray, true_ns: FloatArray, poses: FloatArray) -> FloatArray:

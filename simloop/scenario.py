@@ -66,6 +66,11 @@ class Scenario:
     faults: tuple[Fault, ...] = ()
     config: Config = Field(default_factory=Config)
 
+    @property
+    def drawn(self) -> bool:
+        """Whether another seed is another world."""
+        return self.clutter is not None
+
     @model_validator(mode="after")
     def _steps_finely_over_rough_ground(self) -> Scenario:
         rough = self.terrain is not None and self.terrain.height_field is not None

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import base64
 import io
 import math
 from typing import Any
 
 import matplotlib
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
 
+from simloop.embedded import drawn
 from simloop.peers.bench import LEAD, Result, gaps_of, is_metaheuristic
 from simloop.peers.statistics import convergence, ecdf
 from simloop.peers.weights import NAMES, Study
@@ -43,7 +42,7 @@ def paths(result: Result, scene: str, columns: int = 6) -> str:
         axis.plot(*one.start[:2], "o", color="black", ms=3)
         axis.plot(*one.goal, "*", color="black", ms=6)
         axis.set_title(name, fontsize=8)
-    return _png(figure)
+    return drawn(figure, "paths")
 
 
 def _draw_world(axis: Any, one: Instance) -> None:
@@ -159,10 +158,3 @@ def _svg(figure: Figure) -> str:
     figure.savefig(out, format="svg", metadata={"Date": None})
     text = out.getvalue()
     return text[text.index("<svg") :]
-
-
-def _png(figure: Figure) -> str:
-    out = io.BytesIO()
-    FigureCanvasAgg(figure).print_png(out)
-    data = base64.b64encode(out.getvalue()).decode()
-    return f'<img alt="paths" src="data:image/png;base64,{data}">'

@@ -1,0 +1,231 @@
+"""The BARN benchmark (Perille et al. 2020): ten metres through an unknown field of cylinders.
+
+    python benchmarks/barn.py --worlds barn_dev.json.gz --seeds 4 --workers 2 --json barn.json
+
+By the challenge's rules: the clock starts once the robot has come 0.1 m, within 1 m of the goal
+it has arrived, any contact fails, and so do 100 s.
+"""
+
+from __future__ import annotations
+
+import gzip
+import json
+import math
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from itertools import product
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+
+from simloop.cli_common import write_json
+from simloop.errors import InputError
+from simloop.loop import Simulation
+from simloop.messages import Message, Truth
+from simloop.report import counting, print_table
+from simloop.scenario import Scenario, from_table
+from simloop.world import World, build_world
+
+_MOVED_M, _NEAR_M, _LIMIT_S = 0.1, 1.0, 100.0
+_TOP_MPS = 0.47
+_HEIGHT_M = 0.6
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """cylinders_m: x, y of each; start: x, y, yaw; path_length_m: of the organisers' own way."""
+
+    name: str
+    cylinders_m: tuple[tuple[float, float], ...]
+    radius_m: float
+    start: tuple[float, float, float]
+    goal: tuple[float, float]
+    path_length_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """outcome: reached, collision, timeout, or what the robot said. time_s: on BARN's clock."""
+
+    world: str
+    seed: int
+    outcome: str
+    time_s: float
+    score: float
+    time_over_limit: float
+
+
+class Referee:
+    """Listens to the truth and judges by BARN's rules; what happens first counts."""
+
+    def __init__(self, course: Course) -> None:
+        self._course = course
+        self._began_ns: int | None = None
+        self.outcome = ""
+        self.time_s = 0.0
+
+    def offer(self, message: Message) -> None:
+        """Take note of a Truth; ignore all else."""
+        if not isinstance(message, Truth) or self.outcome:
+            return
+        place = message.pose_xyyaw[:2]
+        if self._began_ns is None and math.dist(place, self._course.start[:2]) >= _MOVED_M:
+            self._began_ns = message.t_ns
+        began = message.t_ns if self._began_ns is None else self._began_ns
+        self.time_s = (message.t_ns - began) * 1e-9
+        if message.contact_count:
+            self.outcome = "collision"
+        elif math.dist(place, self._course.goal) <= _NEAR_M:
+            self.outcome = "reached"
+        elif self.time_s >= _LIMIT_S or message.t_ns >= 2e9 * _LIMIT_S:
+            self.outcome = "timeout"
+
+
+def read_worlds(path: Path) -> dict[str, Course]:
+    """The worlds of a JSON file (plain or gzipped), by their index. Raises InputError."""
+    try:
+        raw = path.read_bytes()
+        table = json.loads(gzip.decompress(raw) if path.suffix == ".gz" else raw)
+        return {
+            name: Course(
+                name,
+                tuple((float(x), float(y)) for x, y in world["cyl"]),
+                float(world["radius"]),
+                tuple(map(float, world["start"])),  # type: ignore[arg-type]
+                tuple(map(float, world["goal"])),  # type: ignore[arg-type]
+                float(world["path_len"]),
+            )
+            for name, world in table.items()
+        }
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except (ValueError, KeyError, TypeError, EOFError, AttributeError) as error:
+        raise InputError(f"{path}: not a file of BARN worlds: {error!r}") from None
+
+
+def scenario_of(course: Course, overrides: Sequence[str], seed: int) -> Scenario:
+    """The course as a scenario of its own."""
+    from simloop.scenario import apply_override
+
+    table: dict[str, Any] = {
+        "name": f"barn_{course.name}",
+        "title": f"BARN world {course.name}",
+        "arena": "field",
+        "start": list(course.start),
+        "goal": list(course.goal),
+        "time_limit_s": 2.0 * _LIMIT_S,
+        "seed": seed,
+        "obstacles": [
+            {
+                "shape": "cylinder",
+                "position_m": [x, y],
+                "size_m": [2.0 * course.radius_m],
+                "height_m": _HEIGHT_M,
+            }
+            for x, y in course.cylinders_m
+        ],
+    }
+    for text in overrides:
+        apply_override(table, text)
+    return from_table(table, source=f"world {course.name}")
+
+
+@lru_cache(maxsize=4)
+def _world(course: Course, overrides: tuple[str, ...]) -> World:
+    return build_world(scenario_of(course, overrides, 0))
+
+
+def run_one(course: Course, overrides: tuple[str, ...], seed: int) -> Run:
+    """One run; the same in any process."""
+    referee = Referee(course)
+    scenario = scenario_of(course, overrides, seed)
+    simulation = Simulation(
+        scenario, listeners=[referee.offer], world=_world(course, overrides)
+    )
+    result = simulation.run(lambda time_s, to_go_m: not referee.outcome)
+    outcome = referee.outcome or result.outcome
+    limit_s = course.path_length_m / _TOP_MPS
+    score = 0.0
+    if outcome == "reached":
+        best_s = 0.5 * course.path_length_m  # at 2 m/s, as the challenge has it
+        score = best_s / float(np.clip(referee.time_s, 2.0 * best_s, 8.0 * best_s))
+    return Run(
+        course.name, seed, outcome, referee.time_s, score, referee.time_s / limit_s
+    )
+
+
+def figures(runs: Sequence[Run]) -> dict[str, Any]:
+    """Rates over all runs, means over those that arrived, and each world's own."""
+    arrived = [run for run in runs if run.outcome == "reached"]
+
+    def rate(*outcomes: str) -> float:
+        return sum(run.outcome in outcomes for run in runs) / len(runs)
+
+    success, collision = rate("reached"), rate("collision")
+    worlds = dict.fromkeys(run.world for run in runs)
+    return {
+        "runs": len(runs),
+        "success_rate": success,
+        "collision_rate": collision,
+        "timeout_rate": 1.0 - success - collision,
+        "time_mean_s": _mean([run.time_s for run in arrived]),
+        "score_official": _mean([run.score for run in runs]),
+        "time_over_limit": _mean([run.time_over_limit for run in arrived]),
+        "per_world": [
+            {"world": world, "runs": [asdict(run) for run in runs if run.world == world]}
+            for world in worlds
+        ],
+    }
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return float(np.mean(values)) if values else None
+
+
+def run_all(
+    courses: Sequence[Course], seeds: int, overrides: tuple[str, ...], pool: Executor
+) -> Iterator[Run]:
+    """Every world with every seed, in that order."""
+    jobs = list(product(courses, range(seeds)))
+    yield from pool.map(
+        run_one, [c for c, _ in jobs], [overrides] * len(jobs), [s for _, s in jobs]
+    )
+
+
+def main(
+    worlds: Annotated[Path, typer.Option(help="A JSON file of worlds, plain or gzipped.")],
+    indices: Annotated[list[str] | None, typer.Option(help="Only these worlds.")] = None,
+    seeds: Annotated[int, typer.Option(min=1)] = 4,
+    workers: Annotated[int, typer.Option(min=1)] = 1,
+    json_file: Annotated[Path | None, typer.Option("--json")] = None,
+    overrides: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE")] = None,
+) -> int:
+    """Run BARN's worlds by BARN's rules."""
+    known = read_worlds(worlds)
+    for index in indices or ():
+        if index not in known:
+            raise InputError(f"--indices {index}: no such world in {worlds}")
+    chosen = [known[index] for index in indices or known]
+    runs: list[Run] = []
+    bar = counting(Console(stderr=True), "runs", len(chosen) * seeds)
+    with ProcessPoolExecutor(workers) as pool, bar as show:
+        for run in run_all(chosen, seeds, tuple(overrides or ()), pool):
+            runs.append(run)
+            show(len(runs))
+    found = figures(runs)
+    rows = [[key, f"{value:.4g}"] for key, value in found.items() if isinstance(value, float | int)]
+    print_table(Console(), "BARN", ["figure", "value"], rows)
+    for run in runs:
+        if run.outcome != "reached":
+            print(f"  world {run.world}, seed {run.seed}: {run.outcome} after {run.time_s:.1f} s")
+    write_json(json_file, found)
+    return 0
+
+
+if __name__ == "__main__":
+    typer.run(main)

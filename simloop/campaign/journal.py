@@ -1,0 +1,143 @@
+"""The campaign's folder: what was asked, and each finished run, safe the moment it is finished.
+
+    campaign.json     the request
+    journal.jsonl     a line a run, synced to the disk; a line torn by a kill is run again
+    results.parquet   all rows in the request's order, written whole when the campaign stops
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any
+
+from simloop.campaign.spec import Request, RunSpec
+from simloop.campaign.work import Row
+from simloop.errors import InputError
+from simloop.outputs import check_directory, write_bytes, write_text
+
+
+class Journal:
+    """Rows by their runs' keys. Use as a context: one process at a time may have a folder."""
+
+    def __init__(self, folder: Path, request: Request) -> None:
+        self._folder, self._request = folder, request
+        self.rows: dict[str, Row] = {}
+        self._file: IO[bytes] | None = None
+
+    def __enter__(self) -> Journal:
+        """Take the folder, and read what is done. Raises InputError where it is another's."""
+        check_directory(self._folder, "--out")
+        self._folder.mkdir(parents=True, exist_ok=True)
+        file = (self._folder / "journal.jsonl").open("a+b")
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            file.close()
+            raise InputError(f"{self._folder}: another campaign is running there") from None
+        try:
+            self._take_over(file)
+        except InputError:
+            file.close()
+            raise
+        self._file = file
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        at: TracebackType | None,
+    ) -> None:
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+    def add(self, spec: RunSpec, row: Row) -> None:
+        """Keep a finished run; once this returns, no kill can lose it."""
+        if self._file is None:
+            raise RuntimeError("the journal is not open")
+        line = json.dumps({"key": spec.key, "row": row}) + "\n"
+        self._file.write(line.encode())
+        self._file.flush()
+        os.fsync(self._file.fileno())
+        self.rows[spec.key] = row
+
+    def missing(self, specs: Sequence[RunSpec]) -> list[RunSpec]:
+        """Those that are not done yet."""
+        return [spec for spec in specs if spec.key not in self.rows]
+
+    def _take_over(self, file: IO[bytes]) -> None:
+        asked = self._folder / "campaign.json"
+        if asked.exists():
+            self._check_request(asked)
+        write_text(asked, json.dumps(self._request.to_table(), indent=2) + "\n")
+        file.seek(0)
+        whole = 0
+        for line in file:
+            if not line.endswith(b"\n"):
+                break  # torn: its run is done again
+            try:
+                entry = json.loads(line)
+                self.rows[entry["key"]] = entry["row"]
+            except (ValueError, KeyError, TypeError):
+                where = f"{self._folder}/journal.jsonl, byte {whole}"
+                raise InputError(f"{where}: not a line of a campaign's journal") from None
+            whole += len(line)
+        file.truncate(whole)
+
+    def _check_request(self, asked: Path) -> None:
+        try:
+            before = json.loads(asked.read_text(encoding="utf-8"))
+            seeds = before["seeds"]
+        except (OSError, ValueError, KeyError, TypeError):
+            raise InputError(f"{asked}: not a campaign's request") from None
+        if not self._request.extends(before):
+            raise InputError(
+                f"{self._folder}: holds another campaign ({', '.join(before['scenarios'])}, seeds "
+                f"{seeds[0]}:{seeds[1]}); only the seeds may differ: take another --out"
+            )
+
+
+def write_results(folder: Path, rows: Sequence[Row]) -> Path:
+    """``results.parquet``, whole or not at all. Raises InputError where it cannot be written."""
+    import io
+
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    names = dict.fromkeys(name for row in rows for name in row)
+    columns = {name: _column(pa, [row.get(name) for row in rows]) for name in names}
+    data = io.BytesIO()
+    parquet.write_table(pa.table(columns), data)
+    file = folder / "results.parquet"
+    write_bytes(file, data.getvalue())
+    return file
+
+
+def read_results(path: Path) -> list[Row]:
+    """The rows of a campaign's folder, or of its Parquet file. Raises InputError."""
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    file = path / "results.parquet" if path.is_dir() else path
+    try:
+        rows: list[Row] = parquet.read_table(file).to_pylist()
+    except (OSError, pa.ArrowException) as error:
+        reason = "no such file" if not file.exists() else str(error).splitlines()[0]
+        raise InputError(f"{file}: {reason}") from None
+    needed = {"scenario", "planner", "sweep", "seed", "outcome", "success"}
+    if not rows or not needed <= rows[0].keys():
+        raise InputError(f"{file}: not the results of a campaign")
+    return rows
+
+
+def _column(pa: Any, values: list[Any]) -> Any:
+    """Numbers may be whole in one run and not in another."""
+    if any(isinstance(value, float) for value in values):
+        values = [None if value is None else float(value) for value in values]
+    return pa.array(values)

@@ -1,0 +1,81 @@
+"""The campaign's report: one HTML page that needs nothing beside it."""
+
+from __future__ import annotations
+
+import importlib
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from simloop.campaign import closer_look
+from simloop.campaign.spec import RunSpec
+from simloop.campaign.summary import FIGURES, summarise
+from simloop.campaign.thresholds import Verdict
+from simloop.campaign.work import Row
+from simloop.embedded import embedded
+from simloop.errors import InputError
+from simloop.outputs import write_text
+
+_TEMPLATE = Path(__file__).with_name("page.html.j2")
+_PICTURES = 4
+_LISTED = 200
+
+
+def check() -> None:
+    """Raises InputError where a library for the page is missing."""
+    for name in ("jinja2", "matplotlib"):
+        try:
+            importlib.import_module(name)
+        except ImportError:
+            raise InputError(
+                f"the report needs {name}: pip install 'simloop[report]', or give --no-report"
+            ) from None
+
+
+def write(folder: Path, runs: Sequence[tuple[RunSpec, Row]], verdicts: Sequence[Verdict]) -> Path:
+    """Draw the worst runs and write ``report.html``."""
+    file = folder / "report.html"
+    write_text(file, render(runs, verdicts, _pictures(closer_look.worst(runs, _PICTURES))))
+    return file
+
+
+def render(
+    runs: Sequence[tuple[RunSpec, Row]],
+    verdicts: Sequence[Verdict],
+    pictures: Sequence[tuple[RunSpec, Row, str]],
+) -> str:
+    """The page's text. pictures: runs with an ``img`` element, or an empty text."""
+    jinja2 = importlib.import_module("jinja2")
+    charts = importlib.import_module("simloop.campaign.charts")
+    rows = [row for _, row in runs]
+    summaries = summarise(rows)
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    failed = [run for run in runs if not run[1]["success"]]
+    text: str = environment.from_string(_TEMPLATE.read_text(encoding="utf-8")).render(
+        runs=len(runs),
+        arrived=len(runs) - len(failed),
+        summaries=summaries,
+        figures=FIGURES,
+        verdicts=verdicts,
+        failed=failed[:_LISTED],
+        left_out=max(0, len(failed) - _LISTED),
+        pictures=pictures,
+        success=charts.success(summaries),
+        distributions=charts.distributions(rows),
+        name_of=charts.name_of,
+    )
+    return text
+
+
+def _pictures(runs: Sequence[tuple[RunSpec, Row]]) -> list[tuple[RunSpec, Row, str]]:
+    found = []
+    with tempfile.TemporaryDirectory() as place:
+        for spec, row in runs:
+            sheet: Any = closer_look.picture(spec, Path(place))
+            kind = "" if sheet is None else sheet.suffix.lstrip(".").replace("jpg", "jpeg")
+            text = "" if sheet is None else embedded(sheet.read_bytes(), kind, "eight moments")
+            found.append((spec, row, text))
+    return found

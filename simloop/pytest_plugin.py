@@ -1,0 +1,87 @@
+"""A pytest fixture: a reach-goal regression of one's own in three lines.
+
+    def test_my_room(simloop_run):
+        run = simloop_run("my_room.toml", seed=3)
+        run.assert_reached(within_s=30.0)
+
+Nothing of the simulator is imported before the fixture is used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from simloop.campaign.spec import RunSpec
+
+
+@dataclass(frozen=True, slots=True)
+class SimloopRun:
+    """One run: its ``outcome``, all its figures (as ``simloop run --json``), and how to repeat it.
+
+    folder: where a recording is put if an assertion fails.
+    """
+
+    spec: RunSpec
+    metrics: dict[str, Any]
+    folder: Path
+
+    @property
+    def outcome(self) -> str:
+        """reached, collision, stuck, lost, missed or timeout."""
+        return str(self.metrics["outcome"])
+
+    def assert_reached(
+        self, within_s: float | None = None, path_ratio: float | None = None
+    ) -> None:
+        """The goal was reached; in so many simulated seconds; on a path so many times the shortest.
+
+        Raises AssertionError that says what happened, how to repeat it and where it is recorded.
+        """
+        __tracebackhide__ = True
+        wrong = self._wrong(within_s, path_ratio)
+        if wrong:
+            raise AssertionError(f"{wrong}\n  again: {self.spec.command()}\n  {self._recorded()}")
+
+    def _wrong(self, within_s: float | None, path_ratio: float | None) -> str:
+        from simloop.campaign.summary import figure_of
+
+        took, to_go = self.metrics["sim_time_s"], self.metrics["distance_to_go_m"]
+        if self.outcome != "reached":
+            return f"{self.outcome} after {took:.1f} s, {to_go:.2f} m from the goal"
+        if within_s is not None and took > within_s:
+            return f"reached after {took:.1f} s, not within {within_s:g} s"
+        ratio = figure_of(self.metrics, "path_ratio")
+        if path_ratio is not None and ratio is not None and ratio > path_ratio:
+            return f"reached on {ratio:.3f} times the shortest path, not {path_ratio:g} times"
+        return ""
+
+    def _recorded(self) -> str:
+        from simloop.campaign.closer_look import record
+
+        (file,) = record([(self.spec, self.metrics)], self.folder)
+        return f"recorded: rerun {file}"
+
+
+@pytest.fixture
+def simloop_run(tmp_path: Path) -> Callable[..., SimloopRun]:
+    """Run a scenario: ``simloop_run(name_or_file, seed=0, planner=None, overrides=())``."""
+
+    def run(
+        scenario: str | Path,
+        seed: int = 0,
+        planner: str | None = None,
+        overrides: Sequence[str] = (),
+    ) -> SimloopRun:
+        from simloop.campaign.spec import RunSpec
+        from simloop.loop import Simulation
+
+        spec = RunSpec(str(scenario), planner, (), tuple(overrides), seed)
+        return SimloopRun(spec, Simulation(spec.load()).run().metrics, tmp_path)
+
+    return run
