@@ -36,7 +36,7 @@ from simloop.relocalise import SearchMap, relocalise
 from simloop.se2 import between, compose
 from simloop.slam_grid import GridSlam
 
-_LEAST_POINTS = 10  # in a scan that says anything
+_LEAST_POINTS = 30  # in a scan that can contradict: two thin posts that fit nowhere mean little
 _POOR_SCORE = 0.6  # share of the points that meet the map: with fewer a fit is a matter of luck
 _SHOVE_MPS2 = 1.5  # sideways, more than tracks make of themselves, over _SHOVE_TICKS
 _SHOVE_TICKS = 5
@@ -157,7 +157,8 @@ class Localiser:
             taken = self._believe(fix)
         self.health.scan(scan.t_ns, taken or not self.mapped, seen)
         with self._time["slam"]:
-            if (taken or not self.mapped) and not self.ekf.shove_var:
+            # What tells too little to be placed by stands where the other senses have it.
+            if (taken or not self.mapped or not seen) and not self.ekf.shove_var:
                 self._enter(scan)
         with self._time["ekf"]:
             return self.ekf.estimate()

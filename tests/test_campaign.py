@@ -15,7 +15,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simloop.campaign import compare, execute, journal, junit, summary, thresholds
+from simloop.campaign import (
+    closer_look,
+    compare,
+    execute,
+    journal,
+    junit,
+    report,
+    summary,
+    thresholds,
+)
 from simloop.campaign.spec import Request, RunSpec, parse_seeds, sweep_values
 from simloop.campaign.work import TIMING, do_run, row_of
 from simloop.errors import InputError
@@ -257,3 +266,27 @@ def test_a_campaign_killed_at_any_moment_loses_and_doubles_nothing(tmp_path):
         for folder in (whole, killed)
     ]
     assert strip[0] == strip[1]
+
+
+def test_the_report_names_every_cell_and_every_failure(tmp_path):
+    runs = [(spec(k), row(k, k > 0, sim_time_s=5.0 + k)) for k in range(3)]
+    verdicts = thresholds.judge([thresholds.parse("success_rate>=0.9")], [r for _, r in runs])
+    page = report.render(runs, verdicts, [(*runs[0], "")])
+    assert "2 of 3 runs arrived" in page and "missed" in page and page.count("data:image/png") == 2
+    assert "simloop run open --seed 0" in page and "No picture could be drawn" in page
+
+
+def test_failures_come_first_among_the_worst_and_errors_have_nothing_to_show():
+    runs = [(spec(k), row(k, k != 1, sim_time_s=float(k))) for k in range(4)]
+    runs.append((spec(9), row_of(spec(9), "error", "broken")))
+    assert [s.seed for s, _ in closer_look.worst(runs, 3)] == [1, 3, 2]
+    assert [s.seed for s, _ in closer_look.failures(runs, 9)] == [1]
+
+
+def test_a_failure_is_recorded_once(tmp_path):
+    runs = [(spec(0), row(0, False))]
+    (file,) = closer_look.record(runs, tmp_path)
+    assert file.name == "open_seed0.rrd" and file.stat().st_size > 1000
+    stamp = file.stat().st_mtime_ns
+    assert list(closer_look.record(runs, tmp_path)) == [file]
+    assert file.stat().st_mtime_ns == stamp

@@ -1,0 +1,84 @@
+"""The BARN benchmark's referee and figures, on worlds of our own."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))
+import barn
+
+from simloop.errors import InputError
+
+WORLD = {
+    "cyl": [[-2.2, 5.0], [-1.0, 6.0]],
+    "radius": 0.075,
+    "start": [-2.25, 3.0, 1.5708],
+    "goal": [-2.25, 6.0],
+    "path_len": 3.1,
+}
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "worlds.json.gz"
+    path.write_bytes(gzip.compress(json.dumps({"7": WORLD}).encode()))
+    return path
+
+
+def test_a_world_is_driven_and_judged(file):
+    course = barn.read_worlds(file)["7"]
+    run = barn.run_one(course, (), 0)
+    assert run.outcome == "reached" and 3.0 < run.time_s < 10.0
+    assert run.time_over_limit == pytest.approx(run.time_s / (3.1 / 0.47))
+    assert run.score == pytest.approx(1.55 / min(max(run.time_s, 3.1), 12.4))
+    assert barn.run_one(course, (), 0) == run
+
+
+def test_the_clock_starts_with_the_first_tenth_of_a_metre_and_what_comes_first_counts(
+    file, monkeypatch
+):
+    monkeypatch.setattr(barn, "Truth", SimpleNamespace)
+    course = barn.read_worlds(file)["7"]
+
+    def at(t_s, y, contacts=0):
+        return SimpleNamespace(
+            t_ns=round(t_s * 1e9), pose_xyyaw=np.array([-2.25, y, 0.0]), contact_count=contacts
+        )
+
+    def end(*messages):
+        referee = barn.Referee(course)
+        for message in messages:
+            referee.offer(message)
+        return referee.outcome, referee.time_s
+
+    assert end(at(5, 3.05), at(6, 3.11), at(9, 4.99)) == ("", 3.0)
+    assert end(at(6, 3.11), at(9, 5.01), at(10, 5.5, 1)) == ("reached", 3.0)
+    assert end(at(6, 3.11), at(9, 4.0, 1), at(10, 5.5)) == ("collision", 3.0)
+    assert end(at(6, 3.11), at(106, 4.0)) == ("timeout", 100.0)
+
+
+def test_figures_are_rates_over_all_and_means_over_those_that_arrived():
+    runs = [barn.Run("1", 0, "reached", 10.0, 0.5, 0.8), barn.Run("1", 1, "collision", 4.0, 0, 0.3),
+            barn.Run("2", 0, "stuck", 9.0, 0.0, 0.7), barn.Run("2", 1, "reached", 20.0, 0.3, 1.2)]
+    found = barn.figures(runs)
+    assert (found["success_rate"], found["collision_rate"], found["timeout_rate"]) == (
+        0.5, 0.25, 0.25,
+    )  # fmt: skip
+    assert found["time_mean_s"] == 15.0 and found["time_over_limit"] == pytest.approx(1.0)
+    assert found["score_official"] == pytest.approx(0.2)
+    assert [world["world"] for world in found["per_world"]] == ["1", "2"]
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{", '{"1": {}}', '{"1": 3}'])
+def test_rubbish_is_one_line(tmp_path, text):
+    path = tmp_path / "rubbish.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match="rubbish"):
+        barn.read_worlds(path)
