@@ -41,6 +41,7 @@ _MATERIALS = ("oak", "teal", "brick", "mustard", "slate", "sage", "plum")
 SEEN_GROUPS = (0, 1)
 """The geom groups that rays meet: the arena's, not the vehicle's visual (2) and collision (3)."""
 _OVERLAP_M = 0.001
+_RIM_M = 0.2  # of floor beyond the bounds, for walls to stand on
 _UPRIGHT = 1.0 - 1e-9
 _ROUND = 64
 """Points round a tilted round thing: its outline is then right to about 0.1 % of its radius."""
@@ -74,10 +75,12 @@ def build(
     terrain: Terrain | None = None,
     loose: Sequence[Loose] = (),
     friction: float = 0.6,
+    bounds: Sequence[float] | None = None,
 ) -> mujoco.MjModel:
     """The arena with the vehicle at its origin, further obstacles and ground, compiled.
 
-    friction: of the tracks, which decides what terrain can be climbed (see ``ground``).
+    friction: of the tracks, which decides what terrain can be climbed (see ``ground``). bounds:
+    (4,) x_min, y_min, x_max, y_max that the arena's floor gets instead of its own.
 
     The vehicle's names stay as they are in its own file. Raises ValueError for an unknown arena
     or a file that MuJoCo does not take.
@@ -86,6 +89,8 @@ def build(
     try:
         world = _with_vehicle(path)
         _check_arena(world)
+        if bounds is not None:
+            _resize(world, np.array(bounds, np.float64))
         for number, obstacle in enumerate(obstacles, start=1):
             _add_obstacle(world, f"obstacle_drawn_{number:02d}", obstacle, number)
         if terrain is not None:
@@ -184,6 +189,19 @@ def _with_vehicle(path: Path) -> mujoco.MjSpec:
     # It lists the joints of the vehicle alone.
     world.delete(world.key("home"))
     return world
+
+
+def _resize(world: mujoco.MjSpec, bounds: FloatArray) -> None:
+    """Give the floor other bounds (4,), and the camera a place from which all of it is seen."""
+    middle, half = 0.5 * (bounds[:2] + bounds[2:]), 0.5 * (bounds[2:] - bounds[:2])
+    world.numeric("bounds").data = bounds
+    floor = world.geom("floor")
+    floor.pos, floor.size = [*middle, 0.0], [*(half + _RIM_M), 0.1]
+    reach = float(half.max())
+    world.stat.center, world.stat.extent = [*middle, 0.1], 2.0 * reach
+    for camera in world.cameras:
+        if camera.name == "overview":
+            camera.pos = [middle[0], middle[1] - 1.7 * reach, 2.6 * reach]
 
 
 def add_payload(world: mujoco.MjSpec, payload: PayloadConfig) -> None:

@@ -24,15 +24,19 @@ from pydantic_core import ErrorDetails
 
 from simloop import planners
 from simloop.catalog import arena_files, planner_names, scenario_files
-from simloop.config import Config, Positive, TracksConfig, reject
+from simloop.config import Config, Positive, TracksConfig, has_area, reject
 from simloop.errors import InputError, did_you_mean
 from simloop.faults import Fault
 from simloop.obstacles import Coordinate, Obstacle, Point
 from simloop.terrain import MOST_ROUGH_STEP_S, Loose, Terrain
+from simloop.worlds.generator import Generator
 
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 _BARE_WORD = re.compile(r"[A-Za-z_./][A-Za-z0-9_\-./]*\Z")
 Count = Annotated[int, Field(ge=0, lt=2**63)]
+Bounds = tuple[Coordinate, Coordinate, Coordinate, Coordinate]
+_GAZEBO = (".world", ".sdf")
+ARENA_FILES = (".xml", ".yaml", *_GAZEBO)
 
 
 @dataclass(frozen=True, slots=True, config=_STRICT)
@@ -46,14 +50,16 @@ class Clutter:
 class Scenario:
     """One run, wholly described: the same scenario gives the same run.
 
-    arena: a name, or an MJCF file (``.xml``, relative to the scenario's file). start: (3,) x, y,
-    yaw of base_link in map, m, m, rad. goal: (2,) m. config: all settings.
+    arena: a name, or a file, relative to the scenario's: MJCF (``.xml``), a map_server map
+    (``.yaml``), a Gazebo world (``.world``, ``.sdf``). start: (3,) x, y, yaw of base_link in map,
+    m, m, rad. goal: (2,) m. bounds_m: x_min, y_min, x_max, y_max of the arena ``field``, or of a
+    Gazebo world. config: all settings.
     """
 
     name: str
-    arena: str
     start: tuple[Coordinate, Coordinate, float]
     goal: Point
+    arena: str = "field"
     title: str = ""
     description: str = ""
     seed: Count = 0
@@ -61,6 +67,8 @@ class Scenario:
     goal_tolerance_m: Positive = 0.10
     obstacles: tuple[Obstacle, ...] = ()
     clutter: Clutter | None = None
+    generator: Generator | None = None
+    bounds_m: Bounds | None = None
     terrain: Terrain | None = None
     loose: tuple[Loose, ...] = ()
     faults: tuple[Fault, ...] = ()
@@ -69,7 +77,19 @@ class Scenario:
     @property
     def drawn(self) -> bool:
         """Whether another seed is another world."""
-        return self.clutter is not None
+        return self.clutter is not None or self.generator is not None
+
+    @model_validator(mode="after")
+    def _has_one_floor(self) -> Scenario:
+        if self.generator is not None and self.arena != "field":
+            raise reject("generator: draws a world of its own; leave out arena")
+        if self.bounds_m is not None:
+            sized = self.arena == "field" or self.arena.endswith(_GAZEBO)
+            if not sized or self.generator is not None:
+                raise reject("bounds_m: only for the arena field, or for a Gazebo world")
+            if not has_area(self.bounds_m[:2], self.bounds_m[2:]):
+                raise reject("bounds_m: x_min, y_min must be below x_max, y_max")
+        return self
 
     @model_validator(mode="after")
     def _steps_finely_over_rough_ground(self) -> Scenario:
@@ -113,7 +133,7 @@ _FILE_KEYS = (("tracks", "friction_image", "file"), ("terrain", "height_field", 
 def _place_files(table: dict[str, Any], folder: Path) -> None:
     """Make an arena that is given as a file, and images, full paths, in place; full ones stay."""
     arena = table.get("arena")
-    if isinstance(arena, str) and arena.endswith(".xml"):
+    if isinstance(arena, str) and arena.endswith(ARENA_FILES):
         table["arena"] = _full_path(folder, arena)
     for section, part, key in _FILE_KEYS:
         holder = table.get(section)
@@ -246,7 +266,7 @@ def _check_names(scenario: Scenario, *, source: str) -> None:
             planners.check_options(name, dict(scenario.config.planner.options))
         except ValueError as error:
             raise InputError(f"{source}: planner.options: {error}") from None
-    if arena.endswith(".xml"):
+    if arena.endswith(ARENA_FILES):
         if not Path(arena).is_file():
             raise InputError(f"{source}: arena: no such file: {arena}")
     elif arena not in arena_files():

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,12 +22,17 @@ from simloop.messages import FloatArray
 from simloop.obstacles import Obstacle
 from simloop.scenario import Scenario
 from simloop.tracks import friction_map
+from simloop.worlds.generator import draw_world
+from simloop.worlds.layout import Layout
+from simloop.worlds.picture import read_picture
+from simloop.worlds.sdf import read_sdf
 
 if TYPE_CHECKING:
     from mujoco import MjModel
 
 _LEAST_HALF_WIDTH = 0.45
 """Of the robot's width: no way that is narrower than nine tenths of it is worth a try."""
+_WORLD_STREAM = 0x3D
 _CLUTTER_STREAM = 0xC1
 """Marks the draw of the room off from all the generators that the stages get from the seed."""
 
@@ -43,8 +49,9 @@ def build_world(scenario: Scenario) -> World:
     """Build what a scenario describes. Raises InputError where it cannot be, or not be driven."""
     where, tracks = f"scenario '{scenario.name}'", scenario.config.tracks
     try:
-        obstacles = list(scenario.obstacles)
-        model = _build(scenario, obstacles)
+        layout = layout_of(scenario)
+        obstacles = [*layout.obstacles, *scenario.obstacles] if layout else [*scenario.obstacles]
+        model = _build(scenario, obstacles, layout)
         if scenario.clutter is not None:
             obstacles += draw_clutter(
                 np.random.default_rng([scenario.seed, _CLUTTER_STREAM]),
@@ -56,7 +63,7 @@ def build_world(scenario: Scenario) -> World:
                 scenario.config.planner.safe_distance_m,
                 [s for s in sections_of(model, loose=True) if not s.name.startswith("wall")],
             )
-            model = _build(scenario, obstacles)
+            model = _build(scenario, obstacles, layout)
         floor = floor_plan(model)
         friction_map(tracks.zones, tracks.friction_image)
     except ValueError as error:
@@ -69,16 +76,33 @@ def build_world(scenario: Scenario) -> World:
     return World(model, floor)
 
 
-def _build(scenario: Scenario, obstacles: Sequence[Obstacle]) -> MjModel:
+def layout_of(scenario: Scenario) -> Layout | None:
+    """What a generator or another's file says; None where the arena is MJCF and sized by itself.
+
+    Raises ValueError or InputError.
+    """
+    vehicle, path = scenario.config.vehicle, Path(scenario.arena)
+    if scenario.generator is not None:
+        rng = np.random.default_rng([scenario.seed, _WORLD_STREAM])
+        return draw_world(scenario.generator, rng, scenario.start, scenario.goal, vehicle)
+    if path.suffix == ".yaml":
+        return read_picture(path)
+    if path.suffix in (".world", ".sdf"):
+        return read_sdf(path, scenario.bounds_m)
+    return None if scenario.bounds_m is None else Layout(scenario.bounds_m, ())
+
+
+def _build(scenario: Scenario, obstacles: Sequence[Obstacle], layout: Layout | None) -> MjModel:
     config = scenario.config
     return build(
-        scenario.arena,
+        "field" if layout else scenario.arena,
         obstacles,
         config.rates.physics_s,
         config.payload,
         scenario.terrain,
         scenario.loose,
         config.tracks.friction,
+        layout.bounds_m if layout else None,
     )
 
 

@@ -1,0 +1,129 @@
+"""The table ``[generator]``: which kind of world is drawn from the scenario's seed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import ConfigDict, Field, model_validator
+from pydantic.dataclasses import dataclass
+
+from simloop.clutter import is_passable
+from simloop.config import Fraction, VehicleConfig, reject
+from simloop.floor_plan import rasterise
+from simloop.obstacles import Obstacle
+from simloop.worlds import buildings, fields, mazes
+from simloop.worlds.layout import WALL_M, Bounds, Layout, walls_about
+
+_TRIALS = 200
+_RASTER_M = 0.025
+_SLACK_M = 0.02
+_TURNING_ROOM_M = 0.08
+Metres = Annotated[float, Field(gt=0.0, le=100.0)]
+Point2 = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, config=ConfigDict(extra="forbid", allow_inf_nan=False))
+class Generator:
+    """A floor from (0, 0) to ``size_m`` with walls about it, and within it by ``kind``:
+
+    barn: cylinders of 0.15 m, ``density`` of the cells at first, thinned by a cellular automaton.
+    forest: round trunks of 0.1 to 0.4 m, ``width_m`` apart or more, as dense as ``density``.
+    rooms: of ``cell_m``, doors of ``width_m`` in a tree of walls, and ``loops`` of the other walls.
+    maze: corridors of ``width_m``, perfect but for ``loops`` of its walls, which are left out.
+    gaps: a wall every ``cell_m`` along x with one gap each, of ``gaps_m`` in turn.
+    utrap: ``count`` dead ends of ``cell_m``, open towards where the robot comes from.
+    """
+
+    kind: Literal["barn", "forest", "rooms", "maze", "gaps", "utrap"]
+    size_m: tuple[Metres, Metres] = (10.0, 10.0)
+    width_m: Annotated[float, Field(gt=0.0, le=20.0)] = 0.8
+    cell_m: Annotated[float, Field(ge=0.5, le=50.0)] = 3.0
+    gaps_m: tuple[Metres, ...] = (0.8, 0.65, 0.55)
+    density: Fraction = 0.2
+    loops: Fraction = 0.0
+    count: Annotated[int, Field(ge=1, le=50)] = 2
+
+    @model_validator(mode="after")
+    def _fits(self) -> Generator:
+        if self.kind == "gaps" and (not self.gaps_m or max(self.gaps_m) >= self.size_m[1]):
+            raise reject("generator.gaps_m: one gap or more, each narrower than size_m in y")
+        if self.kind == "maze" and min(self.size_m) < 2.0 * (self.width_m + WALL_M):
+            raise reject("generator.size_m: no room for two corridors of width_m")
+        return self
+
+    @property
+    def bounds_m(self) -> Bounds:
+        """x_min, y_min, x_max, y_max of the floor."""
+        return (0.0, 0.0, *self.size_m)
+
+
+def draw_world(
+    generator: Generator,
+    rng: np.random.Generator,
+    start: Sequence[float],
+    goal: Sequence[float],
+    vehicle: VehicleConfig,
+) -> Layout:
+    """A world in which the robot can get from start (2+) to goal (2), with room to turn at both.
+
+    Raises ValueError where none was found in 200 trials.
+    """
+    ends, bounds = np.array([start[:2], goal[:2]], float), generator.bounds_m
+    turning_m = math.hypot(0.5 * vehicle.length_m, 0.5 * vehicle.width_m) + _TURNING_ROOM_M
+    half_m = 0.5 * vehicle.width_m + _SLACK_M
+    for _ in range(_TRIALS):
+        things = _DRAW[generator.kind](generator, rng, ends)
+        if generator.kind in ("barn", "forest"):
+            things = [one for one in things if _clear(one, ends, turning_m)]
+        obstacles = [*walls_about(bounds), *things]
+        plan = rasterise([s for one in obstacles for s in one.sections()], bounds, _RASTER_M)
+        roomy = bool(np.all(plan.clearance_m(ends) >= turning_m - _TURNING_ROOM_M))
+        if roomy and is_passable(plan, ends[0], ends[1], half_m):
+            return Layout(bounds, tuple(obstacles))
+    raise ValueError(
+        f"generator: no passable {generator.kind} in {_TRIALS} trials; ask for more room, "
+        "or move start or goal"
+    )
+
+
+def _clear(one: Obstacle, ends: np.ndarray, room_m: float) -> bool:
+    """Whether a round thing leaves both ends room."""
+    off = np.hypot(*(ends - np.array(one.position_m)).T) - 0.5 * one.size_m[0]
+    return bool(np.all(off >= room_m))
+
+
+def _barn(g: Generator, rng: np.random.Generator, ends: np.ndarray) -> list[Obstacle]:
+    return fields.barn(rng, g.bounds_m, g.density)
+
+
+def _forest(g: Generator, rng: np.random.Generator, ends: np.ndarray) -> list[Obstacle]:
+    return fields.forest(rng, g.bounds_m, g.width_m, g.density)
+
+
+def _rooms(g: Generator, rng: np.random.Generator, ends: np.ndarray) -> list[Obstacle]:
+    return buildings.rooms(rng, g.bounds_m, g.cell_m, g.width_m, g.loops)
+
+
+def _maze(g: Generator, rng: np.random.Generator, ends: np.ndarray) -> list[Obstacle]:
+    return mazes.maze(rng, g.bounds_m, g.width_m, g.loops)
+
+
+def _gaps(g: Generator, rng: np.random.Generator, ends: np.ndarray) -> list[Obstacle]:
+    return buildings.gaps(rng, g.bounds_m, g.cell_m, g.gaps_m, ends)
+
+
+def _utrap(g: Generator, rng: np.random.Generator, ends: np.ndarray) -> list[Obstacle]:
+    return mazes.dead_ends(rng, g.bounds_m, g.cell_m, g.count, ends)
+
+
+_DRAW: dict[str, Callable[[Generator, np.random.Generator, np.ndarray], list[Obstacle]]] = {
+    "barn": _barn,
+    "forest": _forest,
+    "rooms": _rooms,
+    "maze": _maze,
+    "gaps": _gaps,
+    "utrap": _utrap,
+}

@@ -1,0 +1,53 @@
+"""A map_server map (YAML with PGM or PNG) as a world: what is occupied there stands here."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simloop.config import SlamConfig
+from simloop.errors import InputError
+from simloop.mapping.map_file import load_map
+from simloop.worlds.layout import Layout, box
+
+_MOST_BOXES = 5000
+
+
+def read_picture(yaml_file: Path) -> Layout:
+    """Boxes that cover the occupied cells exactly; unknown is free. Raises InputError."""
+    grid = load_map(yaml_file, SlamConfig())
+    step, (x0, y0) = grid.resolution_m, grid.origin_m.tolist()
+    rows, columns = grid.occupied.shape
+    found = rectangles(grid.occupied)
+    if len(found) > _MOST_BOXES:
+        raise InputError(
+            f"{yaml_file}: {len(found):,} boxes would be needed, more than {_MOST_BOXES:,}: "
+            "a coarser picture, or a cleaner one"
+        )
+    boxes = [
+        box(x0 + c0 * step, y0 + r0 * step, x0 + c1 * step, y0 + r1 * step)
+        for r0, c0, r1, c1 in found
+    ]
+    return Layout((x0, y0, x0 + columns * step, y0 + rows * step), tuple(boxes))
+
+
+def rectangles(filled: NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:
+    """(row, column, beyond row, beyond column) of rectangles that tile the filled cells.
+
+    Greedy: each as wide as its row allows, then as high as the rows below it are filled.
+    """
+    left = filled.copy()
+    found = []
+    for row, column in np.argwhere(filled).tolist():
+        if not left[row, column]:
+            continue
+        free = np.flatnonzero(~left[row, column:])
+        wide = int(free[0]) if free.size else left.shape[1] - column
+        below = left[row:, column : column + wide].all(axis=1)
+        open_rows = np.flatnonzero(~below)
+        high = int(open_rows[0]) if open_rows.size else left.shape[0] - row
+        left[row : row + high, column : column + wide] = False
+        found.append((row, column, row + high, column + wide))
+    return found

@@ -1,0 +1,127 @@
+"""A Gazebo world (SDF) as a world: its cylinders and boxes, where its poses put them.
+
+Only what stands still and upright is taken: collisions of models, with the poses of model, link and
+collision one inside the other. Meshes, other files and other shapes are refused by name.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree import ElementTree as Xml
+
+import numpy as np
+
+from simloop.errors import InputError
+from simloop.messages import FloatArray
+from simloop.obstacles import Obstacle
+from simloop.se2 import compose
+from simloop.worlds.layout import Bounds, Layout
+
+_MOST_BYTES = 50_000_000
+_ROOM_M = 2.0  # of free floor about all that stands
+_TILT_RAD = 1e-3
+_FLAT = ("plane",)
+
+
+def read_sdf(file: Path, bounds: Bounds | None = None) -> Layout:
+    """The world of an SDF file. bounds: of the floor; 2 m about everything unless given.
+
+    Raises InputError, one line, for what is no SDF or cannot be stood up here.
+    """
+    obstacles = tuple(_things(file, _parse(file)))
+    if bounds is None:
+        outlines = [s for one in obstacles for s in one.sections()]
+        if not outlines:
+            raise InputError(f"{file}: nothing stands in it; give bounds_m")
+        low = np.min([s.vertices_m.min(axis=0) - s.radius_m for s in outlines], axis=0) - _ROOM_M
+        high = np.max([s.vertices_m.max(axis=0) + s.radius_m for s in outlines], axis=0) + _ROOM_M
+        bounds = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
+    return Layout(bounds, obstacles)
+
+
+def _parse(file: Path) -> Xml.Element:
+    try:
+        data = file.read_bytes()
+    except OSError as error:
+        raise InputError(f"{file}: {error.strerror}") from None
+    if len(data) > _MOST_BYTES or b"<!ENTITY" in data or b"<!DOCTYPE" in data:
+        raise InputError(f"{file}: too large, or defines entities of its own")
+    try:
+        root = Xml.fromstring(data)
+    except (Xml.ParseError, ValueError, LookupError) as error:
+        raise InputError(f"{file}: not XML: {error}") from None
+    if root.tag != "sdf" or (root.find("world") is None and root.find("model") is None):
+        raise InputError(f"{file}: not a Gazebo world (no <sdf> with a <world> or <model>)")
+    return root
+
+
+def _things(file: Path, root: Xml.Element) -> Iterator[Obstacle]:
+    for holder in [*root.findall("world"), root]:
+        for include in holder.findall("include"):
+            raise InputError(f"{file}: includes {include.findtext('uri', '?')}: only what is here")
+        for model in holder.findall("model"):
+            yield from _model(file, model, np.zeros(3))
+
+
+def _model(file: Path, model: Xml.Element, outer: FloatArray) -> Iterator[Obstacle]:
+    name = f"{file}: model {model.get('name', '?')}"
+    place = compose(outer, _pose(name, model))
+    for include in model.findall("include"):
+        raise InputError(f"{name} includes {include.findtext('uri', '?')}: only what is here")
+    for inner in model.findall("model"):
+        yield from _model(file, inner, place)
+    for link in model.findall("link"):
+        at = compose(place, _pose(name, link))
+        for collision in link.findall("collision"):
+            found = _shape(name, collision, compose(at, _pose(name, collision)))
+            if found is not None:
+                yield found
+
+
+def _pose(name: str, element: Xml.Element) -> FloatArray:
+    """(3,) x, y, yaw of an element's own pose."""
+    pose = element.find("pose")
+    if pose is None:
+        return np.zeros(3)
+    if pose.get("relative_to") or pose.get("frame"):
+        raise InputError(f"{name}: a pose relative to a frame by its name: only nested ones here")
+    x, y, _, roll, pitch, yaw = _numbers(name, "pose", pose.text, 6)
+    if abs(roll) > _TILT_RAD or abs(pitch) > _TILT_RAD:
+        raise InputError(f"{name}: is tilted; only what stands upright can be stood up")
+    return np.array([x, y, yaw])
+
+
+def _shape(name: str, collision: Xml.Element, at: FloatArray) -> Obstacle | None:
+    """An obstacle at (3,) in the world; None for what is the floor."""
+    geometry = collision.find("geometry")
+    kinds = [] if geometry is None else [child for child in geometry if child.tag != "empty"]
+    if not kinds:
+        return None
+    shape, where = kinds[0], (float(at[0]), float(at[1]))
+    if shape.tag in _FLAT:
+        return None
+    try:
+        if shape.tag == "cylinder":
+            radius, length = (
+                _numbers(name, key, shape.findtext(key), 1)[0] for key in ("radius", "length")
+            )
+            return Obstacle("cylinder", where, (2.0 * radius,), 0.0, min(length, 3.0))
+        if shape.tag == "box":
+            x, y, z = _numbers(name, "size", shape.findtext("size"), 3)
+            return Obstacle("box", where, (x, y), float(at[2]), min(z, 3.0))
+    except ValueError:
+        raise InputError(f"{name}: a {shape.tag} of an impossible size or place") from None
+    detail = shape.findtext("uri", "")
+    raise InputError(f"{name}: a {shape.tag} {detail}".rstrip() + ": only cylinders and boxes here")
+
+
+def _numbers(name: str, what: str, text: str | None, count: int) -> list[float]:
+    try:
+        values = [float(word) for word in (text or "").split()]
+    except ValueError:
+        values = []
+    if len(values) != count or not all(map(math.isfinite, values)):
+        raise InputError(f"{name}: {what} '{(text or '').strip()[:40]}': not {count} numbers")
+    return values
