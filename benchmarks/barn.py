@@ -13,7 +13,7 @@ import json
 import math
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from itertools import product
 from pathlib import Path
@@ -23,17 +23,23 @@ import numpy as np
 import typer
 from rich.console import Console
 
-from simloop.cli_common import write_json
+from simloop.cli import run_command
+from simloop.cli_common import check_json, write_json
 from simloop.errors import InputError
 from simloop.loop import Simulation
 from simloop.messages import Message, Truth
 from simloop.report import counting, print_table
-from simloop.scenario import Scenario, from_table
+from simloop.scenario import Scenario, apply_override, from_table
+from simloop.shortest import shortest_path
 from simloop.world import World, build_world
+from simloop.worlds.sdf import read_sdf
 
 _MOVED_M, _NEAR_M, _LIMIT_S = 0.1, 1.0, 100.0
 _TOP_MPS = 0.47
 _HEIGHT_M = 0.6
+_START, _GOAL = (-2.25, 3.0, 0.5 * math.pi), (-2.25, 13.0)
+_RASTER_ORIGIN = np.array([-4.575, 5.075])  # of the way's cells, m
+_DISC_M = 0.25
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +93,12 @@ class Referee:
 
 
 def read_worlds(path: Path) -> dict[str, Course]:
-    """The worlds of a JSON file (plain or gzipped), by their index. Raises InputError."""
+    """The worlds of a JSON file (plain or gzipped), or of a folder of world_N.world, by their N.
+
+    Raises InputError.
+    """
+    if path.is_dir():
+        return read_folder(path)
     try:
         raw = path.read_bytes()
         table = json.loads(gzip.decompress(raw) if path.suffix == ".gz" else raw)
@@ -108,10 +119,47 @@ def read_worlds(path: Path) -> dict[str, Course]:
         raise InputError(f"{path}: not a file of BARN worlds: {error!r}") from None
 
 
+def read_folder(folder: Path) -> dict[str, Course]:
+    """Gazebo worlds as BARN has them; the way's length from path_N.npy beside, or our shortest."""
+    files = sorted(folder.glob("world_*.world"), key=lambda file: (len(file.stem), file.stem))
+    if not files:
+        raise InputError(f"{folder}: no world_N.world in it")
+    return {(name := file.stem.removeprefix("world_")): _from_gazebo(name, file) for file in files}
+
+
+def _from_gazebo(name: str, file: Path) -> Course:
+    obstacles = read_sdf(file).obstacles
+    if any(one.shape != "cylinder" for one in obstacles) or not obstacles:
+        raise InputError(f"{file}: a BARN world is of cylinders alone")
+    sizes = {one.size_m[0] for one in obstacles}
+    if len(sizes) > 1:
+        raise InputError(f"{file}: cylinders of {len(sizes)} sizes; a BARN world has one")
+    places = tuple(one.position_m for one in obstacles)
+    course = Course(name, places, 0.5 * sizes.pop(), _START, _GOAL, 0.0)
+    return replace(course, path_length_m=_way_length(course, file.with_name(f"path_{name}.npy")))
+
+
+def _way_length(course: Course, file: Path) -> float:
+    """Of the organisers' way: cells of their raster, joined to start and goal; else the shortest
+    way of a disc as wide as the robot."""
+    ends = np.array([course.start[:2], course.goal])
+    if file.exists():
+        try:
+            cells = np.load(file, allow_pickle=False).reshape(-1, 2)
+        except (OSError, ValueError):
+            raise InputError(f"{file}: not an array of cells") from None
+        inner = 2.0 * course.radius_m * cells + _RASTER_ORIGIN
+        way = np.vstack([ends[:1], inner, ends[1:]])
+        return float(np.hypot(*np.diff(way, axis=0).T).sum())
+    floor = _world(course, ()).floor
+    way_found = shortest_path(floor, ends[0], ends[1], _DISC_M)
+    if way_found is None:
+        raise InputError(f"world {course.name}: no way through it")
+    return way_found.length_m
+
+
 def scenario_of(course: Course, overrides: Sequence[str], seed: int) -> Scenario:
     """The course as a scenario of its own."""
-    from simloop.scenario import apply_override
-
     table: dict[str, Any] = {
         "name": f"barn_{course.name}",
         "title": f"BARN world {course.name}",
@@ -198,7 +246,7 @@ def run_all(
 
 
 def main(
-    worlds: Annotated[Path, typer.Option(help="A JSON file of worlds, plain or gzipped.")],
+    worlds: Annotated[Path, typer.Option(help="A JSON file, or a folder of world_N.world.")],
     indices: Annotated[list[str] | None, typer.Option(help="Only these worlds.")] = None,
     seeds: Annotated[int, typer.Option(min=1)] = 4,
     workers: Annotated[int, typer.Option(min=1)] = 1,
@@ -206,7 +254,10 @@ def main(
     overrides: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE")] = None,
 ) -> int:
     """Run BARN's worlds by BARN's rules."""
+    check_json(json_file)
     known = read_worlds(worlds)
+    if not known:
+        raise InputError(f"{worlds}: no worlds in it")
     for index in indices or ():
         if index not in known:
             raise InputError(f"--indices {index}: no such world in {worlds}")
@@ -228,4 +279,4 @@ def main(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    run_command(main)

@@ -54,9 +54,20 @@ _CUT_OFF = 130
 
 def main() -> None:
     """Entry point of the console script: one clear line for whatever the user got wrong."""
+    _run(app)
+
+
+def run_command(command: Callable[..., int]) -> None:
+    """A script's one command, with the same ends: benchmarks have it from here."""
+    alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+    alone.command()(command)
+    _run(alone)
+
+
+def _run(commands: typer.Typer) -> None:
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        code = app(standalone_mode=False) or 0
+        code = commands(standalone_mode=False) or 0
         if code == _CUT_OFF:
             raise KeyboardInterrupt
         sys.exit(code)
@@ -141,7 +152,7 @@ def run_scenario(
     outputs.prepare()
     with stop_asked() as stop:
         watch = _Watch(wanted, world, outputs)
-        result = _run(watch.simulation, notes, stop)
+        result = _drive(watch.simulation, notes, stop)
         try:
             outputs.write_result(result.metrics | watch.plans())
             watch.finish()
@@ -220,7 +231,7 @@ class _Watch:
             self._pictures.finish()
 
 
-def _run(simulation: Simulation, notes: Console, stop: Callable[[], bool]) -> RunResult:
+def _drive(simulation: Simulation, notes: Console, stop: Callable[[], bool]) -> RunResult:
     from simloop.report import progress_bar
 
     to_go, limit = simulation.metrics.distance_to_go_m(), simulation.scenario.time_limit_s

@@ -37,7 +37,7 @@ class Recorder(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class RunResult:
-    """outcome: reached, collision, stuck, lost, missed, timeout.
+    """outcome: reached, collision, stuck, unreachable, lost, missed, timeout.
 
     metrics: what ``--json`` writes.
     """
@@ -153,6 +153,8 @@ class Simulation:
             return "reached" if near else "missed"
         if self.robot.lost:
             return "lost"
+        if self.robot.unreachable:
+            return "unreachable"
         if self.robot.gave_up:
             return "stuck"
         return "timeout" if truth.t_ns >= self._limit_ns else ""

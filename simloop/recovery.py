@@ -19,6 +19,7 @@ from simloop.monitor import CollisionMonitor
 from simloop.se2 import wrap_angle
 
 MOST_RECOVERIES = 8
+_ELSEWHERE_M = 1.0  # from the last attempt: what has been tried there says nothing here
 _NEARLY_STILL_M = 0.03
 _NEARLY_STILL_RAD = 0.15
 _TURN_S = 3.0  # for a turn on the spot, from standstill to standstill
@@ -42,12 +43,13 @@ class Recovery:
         self._until_ns = 0
         self._chosen, self._chosen_ns = (0.0, 0.0), 0
         self._towards: FloatArray | None = None
+        self._tried_at: FloatArray | None = None
         self.active = False
         self.attempts = 0
 
     @property
     def exhausted(self) -> bool:
-        """Whether it has been tried too often."""
+        """Whether it has been tried too often about one place."""
         return self.attempts > MOST_RECOVERIES
 
     def watch(self, estimate: Estimate, wants_to_move: bool) -> bool:
@@ -72,8 +74,10 @@ class Recovery:
     def start(self, estimate: Estimate, towards: FloatArray | None = None) -> None:
         """Begin to look for a way out. towards: (2,) where the path leads next, in map."""
         config = self._config
-        self.active = True
-        self.attempts += 1
+        here, before = np.array(estimate.pose[:2]), self._tried_at
+        elsewhere = before is not None and math.dist(here, before) > _ELSEWHERE_M
+        self._tried_at, self.active = here, True
+        self.attempts = 1 if elsewhere else self.attempts + 1
         self._towards = towards if self.attempts % 2 else None
         self._restart(estimate)
         self._until_ns = estimate.t_ns + round(2e9 * config.back_off_m / config.back_off_mps)

@@ -29,6 +29,7 @@ from simloop.messages import (
 )
 from simloop.monitor import CollisionMonitor
 from simloop.profiler import Profiler
+from simloop.reachability import Reachability
 from simloop.recovery import Recovery
 from simloop.tracker import Drive, Tracker
 from simloop.widths import WidthPlanner
@@ -71,6 +72,7 @@ class Robot:
         self._drive = Drive(config.tracker, config.motor, config.encoder, vehicle, period)
         self._monitor = CollisionMonitor(config.tracker, vehicle)
         self._recovery = Recovery(config.tracker, self._monitor)
+        self._reach = Reachability(mission.goal_tolerance_m, vehicle.width_m)
         self._plan_ns = round(rates.plan_s * 1e9)
         self._plan: Plan | None = None
         self._pending: tuple[int, Plan, Smoother, WorldView] | None = None
@@ -91,6 +93,11 @@ class Robot:
     def gave_up(self) -> bool:
         """Whether recoveries have been tried too often."""
         return self._recovery.exhausted
+
+    @property
+    def unreachable(self) -> bool:
+        """Whether it takes its goal for closed off."""
+        return self._reach.hopeless
 
     @property
     def lost(self) -> bool:
@@ -179,6 +186,9 @@ class Robot:
         self._say(
             MapUpdate(estimate.t_ns, grid.origin_m.copy(), grid.resolution_m, grid.log_odds.copy())
         )
+        if self._reach.look(view, estimate.pose, self._mission.goal, plan.safe):
+            text = "the goal cannot be reached: what is known closes it off"
+            self._say(Event(plan.t_ns, "warning", text))
         if not plan.safe:
             self._say(Event(plan.t_ns, "warning", "no safe path found; going on with the best"))
 

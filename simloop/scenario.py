@@ -53,7 +53,7 @@ class Scenario:
     arena: a name, or a file, relative to the scenario's: MJCF (``.xml``), a map_server map
     (``.yaml``), a Gazebo world (``.world``, ``.sdf``). start: (3,) x, y, yaw of base_link in map,
     m, m, rad. goal: (2,) m. bounds_m: x_min, y_min, x_max, y_max of the arena ``field``, or of a
-    Gazebo world. config: all settings.
+    Gazebo world. may_be_closed_off: a goal to which no way leads is not refused, but run for.
     """
 
     name: str
@@ -69,6 +69,7 @@ class Scenario:
     clutter: Clutter | None = None
     generator: Generator | None = None
     bounds_m: Bounds | None = None
+    may_be_closed_off: bool = False
     terrain: Terrain | None = None
     loose: tuple[Loose, ...] = ()
     faults: tuple[Fault, ...] = ()

@@ -123,8 +123,13 @@ def check_ends(scenario: Scenario, floor: FloorPlan, where: str) -> None:
             )
     if least_clearance(floor, np.array([scenario.start]), scenario.config.vehicle) <= 0.0:
         raise InputError(f"{where}: start: the robot's outline touches {nearest(floor, start)[1]}")
+    if scenario.may_be_closed_off:
+        return
     if not is_passable(floor, start, goal, _LEAST_HALF_WIDTH * scenario.config.vehicle.width_m):
-        raise InputError(f"{where}: goal ({goal[0]:g}, {goal[1]:g}) is walled off from the start")
+        raise InputError(
+            f"{where}: goal ({goal[0]:g}, {goal[1]:g}) is walled off from the start; to run it "
+            "nevertheless set may_be_closed_off = true"
+        )
 
 
 def nearest(floor: FloorPlan, point: FloatArray) -> tuple[float, str]:

@@ -29,12 +29,12 @@ ROOM = (-0.65, -0.55, 4.35, 4.45)
 LOOK = arena_path("open").parent / "assets" / "look.xml"
 
 
-def test_the_five_arenas_are_there() -> None:
-    assert arena_names() == ["clutter", "corridor", "experiment", "open", "trap"]
+def test_the_arenas_are_there() -> None:
+    assert arena_names() == ["clutter", "corridor", "experiment", "field", "open", "trap"]
 
 
 def test_an_unknown_arena_is_refused_with_the_names() -> None:
-    with pytest.raises(ValueError, match=r"experimant.*clutter, corridor, experiment, open, trap"):
+    with pytest.raises(ValueError, match=r"experimant.*experiment, field, open, trap"):
         build("experimant")
 
 

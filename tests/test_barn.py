@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -82,3 +83,31 @@ def test_rubbish_is_one_line(tmp_path, text):
     path.write_text(text)
     with pytest.raises(InputError, match="rubbish"):
         barn.read_worlds(path)
+
+
+SDF = """<sdf version="1.6"><world name="w">{}</world></sdf>"""
+POST = (
+    '<model name="unit_cylinder_{}"><pose>{} {} 0.4 0 0 0</pose><link name="l"><collision name="c">'
+    "<geometry><cylinder><radius>0.075</radius><length>0.8</length></cylinder></geometry>"
+    "</collision></link></model>"
+)
+
+
+def test_a_folder_of_gazebo_worlds_is_the_same_as_json(tmp_path):
+    posts = "".join(POST.format(k, x, y) for k, (x, y) in enumerate(WORLD["cyl"]))
+    (tmp_path / "world_12.world").write_text(SDF.format(posts))
+    course = barn.read_worlds(tmp_path)["12"]
+    assert course.cylinders_m == ((-2.2, 5.0), (-1.0, 6.0)) and course.radius_m == 0.075
+    assert course.path_length_m == pytest.approx(10.0, abs=0.2)  # round one post
+    np.save(tmp_path / "path_12.npy", np.array([[24, 0], [24, 10]]))
+    there = [[-2.25, 3.0], [-0.975, 5.075], [-0.975, 6.575], [-2.25, 13.0]]
+    length = float(np.hypot(*np.diff(there, axis=0).T).sum())
+    assert barn.read_worlds(tmp_path)["12"].path_length_m == pytest.approx(length)
+
+
+def test_the_script_says_what_is_wrong_in_one_line(tmp_path):
+    script = Path(barn.__file__)
+    (tmp_path / "none.json").write_text("{}")
+    for args in (["--worlds", tmp_path], ["--worlds", tmp_path / "none.json"], ["--wurlds", "x"]):
+        ran = subprocess.run([sys.executable, script, *args], capture_output=True, text=True)
+        assert ran.returncode == 2 and len(ran.stderr.strip().splitlines()) == 1, ran.stderr

@@ -48,6 +48,15 @@ def save_map(grid: GridMap, yaml_file: Path) -> None:
 
 def load_map(yaml_file: Path, config: SlamConfig) -> GridMap:
     """The map in a file, with its own resolution. Raises InputError for what is no map."""
+    resolution, origin, odds = read_cells(yaml_file)
+    return GridMap.of(replace(config, resolution_m=resolution), origin, odds)
+
+
+def read_cells(yaml_file: Path) -> tuple[float, FloatArray, NDArray[np.float32]]:
+    """Resolution, m, origin (2,) and log-odds (rows, cols) of a map's own cells, [iy, ix].
+
+    Raises InputError for what is no map.
+    """
     facts = _read_yaml(yaml_file)
     for key in _NEEDS:
         if key not in facts:
@@ -66,7 +75,7 @@ def load_map(yaml_file: Path, config: SlamConfig) -> GridMap:
     grey = read_pgm(yaml_file.parent / facts["image"].strip("'\""))
     negate = facts.get("negate", "0").lower() not in ("0", "false", "no")
     odds = _log_odds(grey, mode, negate, above, below)[::-1]
-    return GridMap.of(replace(config, resolution_m=resolution), np.array(origin[:2]), odds)
+    return resolution, np.array(origin[:2]), odds
 
 
 def _log_odds(

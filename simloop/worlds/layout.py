@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from simloop.obstacles import Obstacle
 
 Bounds = tuple[float, float, float, float]
-WALL_M = 0.1
+WALL_M = 0.2
+"""Of a wall: both its faces are seen, and must not fall into neighbouring cells of a map."""
 HEIGHT_M = 0.45
 
 

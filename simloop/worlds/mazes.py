@@ -21,7 +21,7 @@ def maze(
     """
     x0, y0, x1, y1 = bounds
     columns, rows = (
-        max(2, int((span + WALL_M) / (corridor_m + WALL_M))) for span in (x1 - x0, y1 - y0)
+        max(2, int(span / (corridor_m + WALL_M) + 1e-9)) for span in (x1 - x0, y1 - y0)
     )
     east, north = spanning_walls(rng, columns, rows)
     east &= rng.random(east.shape) >= loops

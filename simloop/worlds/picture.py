@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from simloop.config import SlamConfig
 from simloop.errors import InputError
-from simloop.mapping.map_file import load_map
+from simloop.mapping.map_file import read_cells
 from simloop.worlds.layout import Layout, box
 
 _MOST_BOXES = 5000
@@ -17,10 +16,10 @@ _MOST_BOXES = 5000
 
 def read_picture(yaml_file: Path) -> Layout:
     """Boxes that cover the occupied cells exactly; unknown is free. Raises InputError."""
-    grid = load_map(yaml_file, SlamConfig())
-    step, (x0, y0) = grid.resolution_m, grid.origin_m.tolist()
-    rows, columns = grid.occupied.shape
-    found = rectangles(grid.occupied)
+    step, origin, odds = read_cells(yaml_file)
+    rows, columns = odds.shape
+    x0, y0 = origin.tolist()
+    found = rectangles(odds > 0.0)
     if len(found) > _MOST_BOXES:
         raise InputError(
             f"{yaml_file}: {len(found):,} boxes would be needed, more than {_MOST_BOXES:,}: "

@@ -15,7 +15,7 @@ import numpy as np
 
 from simloop.errors import InputError
 from simloop.messages import FloatArray
-from simloop.obstacles import Obstacle
+from simloop.obstacles import Obstacle, ShapeName
 from simloop.se2 import compose
 from simloop.worlds.layout import Bounds, Layout
 
@@ -102,19 +102,23 @@ def _shape(name: str, collision: Xml.Element, at: FloatArray) -> Obstacle | None
     shape, where = kinds[0], (float(at[0]), float(at[1]))
     if shape.tag in _FLAT:
         return None
+    if shape.tag == "cylinder":
+        (radius,), (length,) = (
+            _numbers(name, key, shape.findtext(key), 1) for key in ("radius", "length")
+        )
+        kind: ShapeName = "cylinder"
+        size: tuple[float, ...] = (2.0 * radius,)
+        yaw, height = 0.0, length
+    elif shape.tag == "box":
+        x, y, height = _numbers(name, "size", shape.findtext("size"), 3)
+        kind, size, yaw = "box", (x, y), float(at[2])
+    else:
+        what = f"{name}: a {shape.tag} {shape.findtext('uri', '')}".rstrip()
+        raise InputError(f"{what}: only cylinders and boxes here")
     try:
-        if shape.tag == "cylinder":
-            radius, length = (
-                _numbers(name, key, shape.findtext(key), 1)[0] for key in ("radius", "length")
-            )
-            return Obstacle("cylinder", where, (2.0 * radius,), 0.0, min(length, 3.0))
-        if shape.tag == "box":
-            x, y, z = _numbers(name, "size", shape.findtext("size"), 3)
-            return Obstacle("box", where, (x, y), float(at[2]), min(z, 3.0))
+        return Obstacle(kind, where, size, yaw, min(height, 3.0))
     except ValueError:
         raise InputError(f"{name}: a {shape.tag} of an impossible size or place") from None
-    detail = shape.findtext("uri", "")
-    raise InputError(f"{name}: a {shape.tag} {detail}".rstrip() + ": only cylinders and boxes here")
 
 
 def _numbers(name: str, what: str, text: str | None, count: int) -> list[float]:

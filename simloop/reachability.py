@@ -1,0 +1,64 @@
+"""Whether what is known of the world leaves any way to the goal at all.
+
+Unknown is free here too, so a goal is given up only where known surfaces close it off from all
+sides, or stand on it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+
+from simloop.messages import FloatArray, WorldView
+
+_TIMES = 3  # that the same must be found
+_FOR_NS = 3_000_000_000  # and for how long, so that what passes by closes nothing off
+
+
+def is_closed_off(
+    view: WorldView, place: FloatArray, goal: FloatArray, tolerance_m: float, half_width_m: float
+) -> bool:
+    """Whether a disc of ``half_width_m`` cannot get from ``place`` (2+) to within ``tolerance_m``
+    of ``goal`` (2,), through free and unknown cells, in the view and about it."""
+    rows, cols = view.distance_m.shape
+    if rows == 0 or cols == 0:
+        return False
+    free = np.pad(view.distance_m >= half_width_m, 1, constant_values=True)  # outside all is free
+    # The robot stands where it stands, however near that is to something.
+    reach = max(tolerance_m, view.resolution_m)
+    own = _within(view, place[:2], half_width_m)
+    free |= own
+    labels = np.asarray(ndimage.label(free)[0])
+    there = _within(view, goal, reach)
+    mine = set(np.unique(labels[own & free]).tolist()) - {0}
+    return mine.isdisjoint(np.unique(labels[there & free]).tolist())
+
+
+def _within(view: WorldView, place: FloatArray, radius_m: float) -> np.ndarray:
+    """(rows + 2, cols + 2) bool: cells of the padded view whose centre is near a place (2,); the
+    nearest one in any case."""
+    rows, cols = view.distance_m.shape
+    x = view.origin_m[0] + (np.arange(-1, cols + 1) + 0.5) * view.resolution_m
+    y = view.origin_m[1] + (np.arange(-1, rows + 1) + 0.5) * view.resolution_m
+    square = (x - place[0])[None, :] ** 2 + (y - place[1])[:, None] ** 2
+    return np.asarray(square <= max(radius_m**2, float(square.min())))
+
+
+class Reachability:
+    """Counts how often, and for how long, the goal has been found closed off."""
+
+    def __init__(self, tolerance_m: float, width_m: float) -> None:
+        self._tolerance_m, self._half_width_m = tolerance_m, 0.45 * width_m
+        self._count, self._since_ns = 0, 0
+        self.hopeless = False
+
+    def look(self, view: WorldView, place: FloatArray, goal: FloatArray, safe: bool) -> bool:
+        """Take a plan's view; True when from now on the goal is given up. safe: of the plan."""
+        closed = not safe and is_closed_off(
+            view, place, goal, self._tolerance_m, self._half_width_m
+        )
+        self._since_ns = self._since_ns if self._count and closed else view.t_ns
+        self._count = self._count + 1 if closed else 0
+        was = self.hopeless
+        self.hopeless |= self._count >= _TIMES and view.t_ns - self._since_ns >= _FOR_NS
+        return self.hopeless and not was
