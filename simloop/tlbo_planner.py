@@ -98,14 +98,14 @@ def make_buffers(learners: int, routes: int) -> Buffers:
 
 
 @njit(cache=True)
-def _gather(p: Problem, nodes: int, warm: int, b: Buffers) -> int:
+def _gather(p: Problem, nodes: int, warm: int, solid: bool, b: Buffers) -> int:
     """Fill b.routes, cheapest first, with all that may be worth a class; how many.
 
-    warm: how many points of the old way lie in b.best, 0 for none.
+    warm: how many points of the old way lie in b.best, 0 for none. solid: see `make_lattice`.
     """
     most = b.counts.size - 3
     found = find_routes(
-        p, nodes, _SWEEPS, b.routes[:most], b.counts[:most], b.costs[:most], b.stack
+        p, nodes, _SWEEPS, b.routes[:most], b.counts[:most], b.costs[:most], b.stack, solid
     )
     m = recombine(p, b.routes, b.counts, found, np.inf, b.routes[found], b.stack)
     if m > 0:
@@ -168,7 +168,7 @@ def _solve(p: Problem, tune: Tuning, warm: int, b: Buffers) -> tuple[int, int, i
     """Plan into b.best; its count of points, the generations, and how many learners are shown.
 
     The cheapest routes get a class, then those that lack some clearance, which a class may find.
-    Where nothing safe is found, another lattice has its say.
+    Where nothing safe is found, a finer lattice has its say, which no wall is too thin to stop.
     """
     if math.hypot(p.goal_x - p.start_x, p.goal_y - p.start_y) < _HERE_M:
         b.best[0, 0], b.best[0, 1] = p.start_x, p.start_y
@@ -179,7 +179,7 @@ def _solve(p: Problem, tune: Tuning, warm: int, b: Buffers) -> tuple[int, int, i
         if attempt > 0 and intrusion(p, b.best, best_m, np.inf, b.stack) == 0.0:
             break
         nodes = tune.nodes if attempt == 0 else tune.nodes * 3 // 2
-        found = _gather(p, nodes, warm if attempt == 0 else 0, b)
+        found = _gather(p, nodes, warm if attempt == 0 else 0, attempt > 0, b)
         mended = 0
         for k in range(found):
             good = k < tune.rivals and b.costs[k] <= (1.0 + tune.rival_margin) * b.costs[0]

@@ -5,7 +5,7 @@ purpose. Eq. 6 is a difference of two atan2 and is wrapped to (-pi, pi]. Eq. 8 l
 waypoints only; here the clearance is that of every point of every segment. Eq. 17 needs the
 centres of round obstacles; here R is the intrusion in metres, one term a segment: the safe
 distance minus the segment's clearance, plus a centimetre, where the former is positive. Being
-linear with a step, it is exact: no intrusion, however slight, is worth what it saves.
+linear with steps, it is exact: no intrusion, however slight, is worth what it saves.
 """
 
 from __future__ import annotations
@@ -20,6 +20,9 @@ from simloop.planners.clearance import NO_LENGTH_M, STACK, Problem, segment_clea
 
 LEAST_INTRUSION_M = 0.01
 """What the slightest lack of clearance counts on top of its depth, m: safe beats nearly safe."""
+THROUGH_SHARE, THROUGH_M = 0.2, 3.0
+"""With less than this share of the safe distance a segment leads through something, which counts
+so many metres more: no way back out of a dead end is as dear."""
 
 
 @njit(cache=True, forceinline=True)
@@ -70,6 +73,8 @@ def intrusion(p: Problem, path: FloatArray, m: int, enough: float, stack: FloatA
         )
         if clear < need:
             total += p.safe_m - clear + LEAST_INTRUSION_M
+            if clear < THROUGH_SHARE * p.safe_m:
+                total += THROUGH_M
             if total > enough:
                 return total
     return total

@@ -20,7 +20,7 @@ from simloop.planners.clearance import Problem, relaxed_clearance
 from simloop.planners.objective import evaluate
 
 _STRAIGHT, _DIAGONAL = 10, 14  # integer lengths let the wave run on buckets, without a heap
-_NEARLY, _BLOCKED = 4, 100
+_NEARLY, _BLOCKED, _SOLID = 4, 100, 1500
 _FAR = np.int32(2**30)
 _LIFTS = 3
 _TABLE = 512
@@ -40,8 +40,13 @@ class Lattice(NamedTuple):
 
 
 @njit(cache=True)
-def make_lattice(p: Problem, most_nodes: int) -> Lattice:
-    """Cover the waypoints' box (and both ends) with about ``most_nodes`` nodes at most."""
+def make_lattice(p: Problem, most_nodes: int, solid: bool = False) -> Lattice:
+    """Cover the waypoints' box (and both ends) with about ``most_nodes`` nodes at most.
+
+    solid: what is blocked costs so much that the longest way round is cheaper. Else a gap that the
+    nodes miss may be crossed where the way round is long, and so may a thin wall.
+    """
+    blocked = _SOLID if solid else _BLOCKED
     low_x = min(p.low_x, p.start_x, p.goal_x)
     low_y = min(p.low_y, p.start_y, p.goal_y)
     wide = max(p.high_x, p.start_x, p.goal_x) - low_x
@@ -55,16 +60,16 @@ def make_lattice(p: Problem, most_nodes: int) -> Lattice:
             for ix in range(nx):
                 lack = p.safe_m - relaxed_clearance(p, low_x + ix * step, low_y + iy * step)
                 if lack > 0.0:
-                    weight[iy, ix] = _NEARLY if lack < 0.5 * step else _BLOCKED
+                    weight[iy, ix] = _NEARLY if lack < 0.5 * step else blocked
     else:
         for k in range(p.discs.shape[1]):
-            _draw_disc(p, weight, k, low_x, low_y, step)
+            _draw_disc(p, weight, k, low_x, low_y, step, blocked)
     return Lattice(low_x, low_y, step, weight)
 
 
 @njit(cache=True)
 def _draw_disc(
-    p: Problem, weight: IntArray, k: int, low_x: float, low_y: float, step: float
+    p: Problem, weight: IntArray, k: int, low_x: float, low_y: float, step: float, blocked: int
 ) -> None:
     ny, nx = weight.shape
     reach = p.discs[2, k] + p.safe_m
@@ -76,7 +81,7 @@ def _draw_disc(
         for ix in range(max(0, math.ceil(cx - outer)), min(nx - 1, math.floor(cx + outer)) + 1):
             square = (ix - cx) ** 2 + (iy - cy) ** 2
             if square < outer * outer:
-                value = _BLOCKED if square < inner * inner else _NEARLY
+                value = blocked if square < inner * inner else _NEARLY
                 weight[iy, ix] = max(weight[iy, ix], value)
 
 
@@ -138,7 +143,7 @@ def _wave(
     distance = np.full(nodes, _FAR, np.int32)
     parent = np.full(nodes, -1, np.int32)
     signature = np.zeros(nodes, np.int64)
-    buckets = _DIAGONAL * _BLOCKED + 1
+    buckets = _DIAGONAL * _SOLID + 1
     head = np.full(buckets, -1, np.int32)
     entry_node = np.empty(8 * nodes + 8, np.int32)
     entry_next = np.empty(8 * nodes + 8, np.int32)
@@ -290,12 +295,13 @@ def find_routes(
     counts: IntArray,
     costs: FloatArray,
     stack: FloatArray,
+    solid: bool = False,
 ) -> int:
     """Fill routes (K, MAX_POINTS, 2), counts (K,), costs (K,), the cheapest first. How many.
 
-    The cost is J of the route with its bends split, see `settle`.
+    The cost is J of the route with its bends split, see `settle`. solid: see `make_lattice`.
     """
-    lattice = make_lattice(p, most_nodes)
+    lattice = make_lattice(p, most_nodes, solid)
     ny, nx = lattice.weight.shape
     code = _ray_codes(lattice)
     ends = np.empty(2, np.int32)
