@@ -21,7 +21,6 @@ NOWHERE_M = 100.0
 """Distance reported where the map holds nothing."""
 
 _CHUNK = 64  # cells by which the grid grows; a multiple of the search fields' blocks
-_RIM_M = 0.6  # beyond all that is seen: planners take what lies outside to be as free as the rim
 _NONE = np.empty((0, 2))
 _ANYWHERE = np.empty((0, 5))
 _FINEST_TURN_RAD = 0.004
@@ -168,7 +167,7 @@ class GridMap:
 
     def _grow_to_hold(self, points: FloatArray, pose: FloatArray) -> bool:
         """Make the grid hold all points of the scan, the robot, and a margin; False: it may not."""
-        margin = _RIM_M + 2.0 * self.resolution_m
+        margin = 2.0 * self.resolution_m
         x_min, y_min, x_max, y_max = placed_bounds(points, pose)
         low = np.array((min(x_min, pose[0] - 0.5) - margin, min(y_min, pose[1] - 0.5) - margin))
         high = np.array((max(x_max, pose[0] + 0.5) + margin, max(y_max, pose[1] + 0.5) + margin))

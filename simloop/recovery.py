@@ -19,14 +19,11 @@ from simloop.monitor import CollisionMonitor
 from simloop.se2 import wrap_angle
 
 MOST_RECOVERIES = 8
-_ELSEWHERE_M = 1.0  # from the last attempt: what has been tried there says nothing here
 _NEARLY_STILL_M = 0.03
 _NEARLY_STILL_RAD = 0.15
 _TURN_S = 3.0  # for a turn on the spot, from standstill to standstill
 _RATES_RADPS = (0.0, 0.3, -0.3, 0.7, -0.7)
 _TURN_RADPS = 0.7
-_OUT_OF_A_DEAD_END = 2.0  # times as far as elsewhere
-_BEHIND_RAD = 2.0
 _LOOK_S = 1.5  # how long the arcs are that are compared
 _KEEP_S = 0.4  # how long one is kept to
 _ROOM_M = 0.08  # more room than this around the robot is worth no more
@@ -45,14 +42,12 @@ class Recovery:
         self._until_ns = 0
         self._chosen, self._chosen_ns = (0.0, 0.0), 0
         self._towards: FloatArray | None = None
-        self._tried_at: FloatArray | None = None
-        self._far_m = config.back_off_m
         self.active = False
         self.attempts = 0
 
     @property
     def exhausted(self) -> bool:
-        """Whether it has been tried too often about one place."""
+        """Whether it has been tried too often."""
         return self.attempts > MOST_RECOVERIES
 
     def watch(self, estimate: Estimate, wants_to_move: bool) -> bool:
@@ -77,23 +72,18 @@ class Recovery:
     def start(self, estimate: Estimate, towards: FloatArray | None = None) -> None:
         """Begin to look for a way out. towards: (2,) where the path leads next, in map."""
         config = self._config
-        here, before = np.array(estimate.pose[:2]), self._tried_at
-        elsewhere = before is not None and math.dist(here, before) > _ELSEWHERE_M
-        self._tried_at, self.active = here, True
-        self.attempts = 1 if elsewhere else self.attempts + 1
-        # Out of a dead end too narrow to turn in there is one way only, backwards, and it is long.
-        behind = towards is not None and _is_behind(estimate.pose, towards)
-        self._far_m = config.back_off_m * (_OUT_OF_A_DEAD_END if behind else 1.0)
-        self._towards = towards if self.attempts % 2 or behind else None
+        self.active = True
+        self.attempts += 1
+        self._towards = towards if self.attempts % 2 else None
         self._restart(estimate)
-        self._until_ns = estimate.t_ns + round(2e9 * self._far_m / config.back_off_mps)
+        self._until_ns = estimate.t_ns + round(2e9 * config.back_off_m / config.back_off_mps)
         self._chosen_ns = 0
 
     def velocity(self, estimate: Estimate) -> tuple[float, float, str]:
         """Speed, yaw rate and mode to ask for; ends by itself, after which ``active`` is False."""
         assert self._from is not None
         pose, t_ns = estimate.pose, estimate.t_ns
-        if t_ns > self._until_ns or math.dist(pose[:2], self._from[:2]) > self._far_m:
+        if t_ns > self._until_ns or math.dist(pose[:2], self._from[:2]) > self._config.back_off_m:
             self.active = False
             self._restart(estimate)
             return 0.0, 0.0, "stop"
@@ -123,9 +113,3 @@ class Recovery:
     def _restart(self, estimate: Estimate) -> None:
         self._from, self._since_ns = np.array(estimate.pose), estimate.t_ns
         self._yaw, self._turned_ns = float(estimate.pose[2]), estimate.t_ns
-
-
-def _is_behind(pose: FloatArray, place: FloatArray) -> bool:
-    """Whether a place (2,) lies behind the robot at ``pose`` (3,)."""
-    bearing = math.atan2(place[1] - pose[1], place[0] - pose[0])
-    return abs(wrap_angle(bearing - pose[2])) > _BEHIND_RAD

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from simloop.bench_planners import path_cost
@@ -14,6 +14,8 @@ from simloop.messages import WorldView
 from simloop.planners.clearance import make_problem, segment_clearance
 from simloop.planners.objective import (
     LEAST_INTRUSION_M,
+    THROUGH_M,
+    THROUGH_SHARE,
     evaluate,
     intrusion,
     length_and_turning,
@@ -92,7 +94,9 @@ def test_length_turning_and_penalty_add_up(seed, points):
     p = make_problem(disc_world(discs, BOX), start, path[-1], safe_m=SAFE)._replace(start_slack=0.0)
     stack = make_stack()
     lacks = [SAFE - sampled(among(discs), a, b) for a, b in pairwise(path)]
-    total = sum(lack + LEAST_INTRUSION_M for lack in lacks if lack > 1e-5)
+    through = [THROUGH_M * (SAFE - lack < THROUGH_SHARE * SAFE) for lack in lacks]
+    assume(all(abs(SAFE - lack - THROUGH_SHARE * SAFE) > 0.01 for lack in lacks))
+    total = sum(lack + LEAST_INTRUSION_M for lack in lacks if lack > 1e-5) + sum(through)
     assert intrusion(p, path, points, np.inf, stack) == pytest.approx(total, abs=0.01)
     length, turning = length_and_turning(path, points)
     assert 0.65 * length + 0.35 * turning == pytest.approx(plain := path_cost_by_angles(path))

@@ -12,8 +12,9 @@ from scipy import ndimage
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
+from simloop.planners.bends import MAX_POINTS
 from simloop.planners.clearance import make_problem
-from simloop.planners.objective import make_stack
+from simloop.planners.objective import intrusion, make_stack
 from simloop.planners.recombine import recombine
 from simloop.planners.routes import (
     _BLOCKED,
@@ -274,3 +275,16 @@ def test_the_mixture_is_the_best_of_all_orders_of_all_waypoints(seed):
     np.testing.assert_allclose(found, best)
     assert len(mixture(p, ways, cost_of(best) - 1e-6)) == 0
     np.testing.assert_allclose(mixture(p, ways, cost_of(best) + 1e-6), best)
+
+
+def test_where_a_wall_is_solid_the_longest_way_round_is_taken():
+    """A thin wall with its only gap far off: in the plain lattice going through it is cheaper."""
+    view = box_world(np.array([[2.4, 0.0, 2.5, 4.3]]), 5.0, 0.05)
+    p = problem_of(view, np.array([2.0, 0.5, 0.0]), np.array([3.0, 0.5]))
+    weights = [make_lattice(p, 900, solid).weight for solid in (False, True)]
+    assert weights[0].max() == _BLOCKED and weights[1].max() > 10 * _BLOCKED
+    np.testing.assert_array_equal(weights[0] == _BLOCKED, weights[1] > _BLOCKED)
+    routes, counts, costs = np.zeros((8, MAX_POINTS, 2)), np.zeros(8, np.int32), np.zeros(8)
+    n = find_routes(p, 900, 4, routes, counts, costs, make_stack(), True)
+    clear = [intrusion(p, routes[k], counts[k], np.inf, make_stack()) == 0.0 for k in range(n)]
+    assert clear[0] and routes[0, : counts[0], 1].max() > 4.3
