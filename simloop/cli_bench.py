@@ -173,7 +173,7 @@ def replay(
     ] = None,
 ) -> int:
     """Matcher and mapper on a recorded log of a real robot."""
-    from simloop.mapping.map_file import load_map
+    from simloop.mapping.map_reader import load_map
     from simloop.mapping.settings import MappingConfig
     from simloop.replay import session
     from simloop.report import counting

@@ -226,7 +226,8 @@ class SlamConfig:
 
     grain_m: how far a hit may lie from its surface. least_overlap: share of the points that must
     meet the map. match_std_*: what the cells' grain adds to every fix. beyond_m: how far past the
-    goal waypoints may lie. max_cells: to which the map may grow, at 34 bytes each (8 million cells
+    goal waypoints may lie. prior_map: a map_server map (.yaml) that is known from the beginning, in
+    its own resolution; extend_map: whether what is seen is entered. max_cells: to which the map may grow, at 34 bytes each (8 million cells
     of 5 cm: 20 000 square metres, 270 MB).
     """
 
@@ -245,6 +246,8 @@ class SlamConfig:
     match_std_xy_m: Positive = 0.0005
     match_std_yaw_rad: Positive = 0.00025
     beyond_m: Length = 0.5
+    prior_map: str = ""
+    extend_map: bool = True
     max_cells: Annotated[int, Field(ge=10_000, le=10**9)] = 8_000_000
 
 

@@ -71,7 +71,7 @@ class Localiser:
         self._taken: PoseFix | None = None
         self._found: PoseFix | None = None
         self._bias = 0.0
-        self.mapped = self.jumped = False
+        self.mapped, self.jumped = bool(config.slam.prior_map), False
         self.new_surfaces_m: FloatArray | None = None
         self.said: list[Message] = []
         self._time = {name: profiler.stage(name) for name in ("ekf", "slam")}

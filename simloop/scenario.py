@@ -27,6 +27,7 @@ from simloop.catalog import arena_files, planner_names, scenario_files
 from simloop.config import Config, Positive, TracksConfig, has_area, reject
 from simloop.errors import InputError, did_you_mean
 from simloop.faults import Fault
+from simloop.mapping.map_reader import load_map
 from simloop.obstacles import Coordinate, Obstacle, Point
 from simloop.terrain import MOST_ROUGH_STEP_S, Loose, Terrain
 from simloop.worlds.generator import Generator
@@ -136,6 +137,9 @@ def _place_files(table: dict[str, Any], folder: Path) -> None:
     arena = table.get("arena")
     if isinstance(arena, str) and arena.endswith(ARENA_FILES):
         table["arena"] = _full_path(folder, arena)
+    slam = table.get("slam")
+    if isinstance(slam, dict) and slam.get("prior_map") and isinstance(slam["prior_map"], str):
+        slam["prior_map"] = _full_path(folder, slam["prior_map"])
     for section, part, key in _FILE_KEYS:
         holder = table.get(section)
         holder = holder.get(part) if isinstance(holder, dict) else None
@@ -267,6 +271,10 @@ def _check_names(scenario: Scenario, *, source: str) -> None:
             planners.check_options(name, dict(scenario.config.planner.options))
         except ValueError as error:
             raise InputError(f"{source}: planner.options: {error}") from None
+    if scenario.config.slam.prior_map:
+        load_map(Path(scenario.config.slam.prior_map), scenario.config.slam)
+    elif not scenario.config.slam.extend_map:
+        raise InputError(f"{source}: slam.extend_map: false needs a slam.prior_map to go by")
     if arena.endswith(ARENA_FILES):
         if not Path(arena).is_file():
             raise InputError(f"{source}: arena: no such file: {arena}")

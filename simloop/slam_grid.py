@@ -7,12 +7,14 @@ hits, so that surfaces are known finer than the cells. Unknown is free, as in Sa
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 
 from simloop.config import SlamConfig, VehicleConfig
 from simloop.ekf_model import inverse_3
 from simloop.grid_map import NOWHERE_M, GridMap
+from simloop.mapping.map_reader import load_map
 from simloop.messages import FloatArray, LidarScan, PoseFix, WorldView
 from simloop.obstacle_discs import discs_of
 from simloop.scan_match import deskew
@@ -32,8 +34,9 @@ class GridSlam:
         self, config: SlamConfig, vehicle: VehicleConfig, base_from_laser: FloatArray
     ) -> None:
         self._config, self._mount = config, np.ascontiguousarray(base_from_laser, np.float64)
-        self.grid = GridMap(config)
-        self.resolution_m = config.resolution_m
+        prior = Path(config.prior_map)
+        self.grid = load_map(prior, config) if config.prior_map else GridMap(config)
+        self.resolution_m = self.grid.resolution_m
         self.new_surfaces_m = np.empty((0, 2))
         self.new_share = 0.0
         self._scan_t_ns = -1
@@ -78,7 +81,7 @@ class GridSlam:
         # The belief is mostly so good that the refinement's basin holds the answer; where it
         # is not, or the refined pose does not fit, the whole window is searched.
         unsure = math.sqrt(max(prior_covariance[0, 0], prior_covariance[1, 1])) > 0.5 * (
-            self._config.resolution_m
+            self.resolution_m
         )
         found = None if unsure else self.grid.refine(self.points_m, prior)
         if found is None or not self._fits(*found[2:]):
@@ -98,9 +101,10 @@ class GridSlam:
         """
         if scan.t_ns != self._scan_t_ns:
             self._take(scan, np.array([scan.t_ns], np.int64), np.array([pose], np.float64))
-        self.new_surfaces_m, self.new_share = self.grid.insert(
-            self.points_m, self._origins, np.array(pose, np.float64)
-        )
+        if self._config.extend_map:
+            self.new_surfaces_m, self.new_share = self.grid.insert(
+                self.points_m, self._origins, np.array(pose, np.float64)
+            )
 
     def view(self, t_ns: int, goal: FloatArray) -> WorldView:
         """The map as a planner sees it."""

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from rooms import Room, box
 
 from simloop.errors import InputError
-from simloop.mapping.map_file import load_map
+from simloop.mapping.map_reader import load_map
 from simloop.mapping.settings import MappingConfig
 from simloop.replay.carmen import parse_carmen
 from simloop.replay.laser_log import ScanReader, beam_angles, read_log, usable_range_m
