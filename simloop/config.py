@@ -227,8 +227,8 @@ class SlamConfig:
     grain_m: how far a hit may lie from its surface. least_overlap: share of the points that must
     meet the map. match_std_*: what the cells' grain adds to every fix. beyond_m: how far past the
     goal waypoints may lie. prior_map: a map_server map (.yaml) that is known from the beginning, in
-    its own resolution; extend_map: whether what is seen is entered. max_cells: to which the map may grow, at 34 bytes each (8 million cells
-    of 5 cm: 20 000 square metres, 270 MB).
+    its own resolution; extend_map: whether what is seen is entered. max_cells: to which the map
+    may grow, at 34 bytes each (8 million cells of 5 cm: 20 000 square metres, 270 MB).
     """
 
     resolution_m: Annotated[float, Field(ge=0.005, le=1.0)] = 0.05
