@@ -37,7 +37,9 @@ def simulation():
     ],
 )
 def test_how_a_run_ends(simulation, where, speed, contacts, t_s, arrived, gave_up, expected):
-    simulation.robot = SimpleNamespace(arrived=arrived, gave_up=gave_up, lost=False)
+    simulation.robot = SimpleNamespace(
+        arrived=arrived, gave_up=gave_up, lost=False, unreachable=False
+    )
     truth = SimpleNamespace(
         t_ns=round(t_s * 1e9),
         pose_xyyaw=np.array([*where, 0.0]),
@@ -48,11 +50,19 @@ def test_how_a_run_ends(simulation, where, speed, contacts, t_s, arrived, gave_u
 
 
 def test_a_robot_that_stays_lost_ends_its_run(simulation):
-    simulation.robot = SimpleNamespace(arrived=False, gave_up=False, lost=True)
+    simulation.robot = SimpleNamespace(arrived=False, gave_up=False, lost=True, unreachable=True)
     truth = SimpleNamespace(
         t_ns=1, pose_xyyaw=np.zeros(3), velocity_body=np.zeros(6), contact_count=0
     )
     assert simulation._outcome(truth) == "lost"
+
+
+def test_a_goal_given_up_ends_the_run_before_one_is_stuck_at_it(simulation):
+    simulation.robot = SimpleNamespace(arrived=False, gave_up=True, lost=False, unreachable=True)
+    truth = SimpleNamespace(
+        t_ns=1, pose_xyyaw=np.zeros(3), velocity_body=np.zeros(6), contact_count=0
+    )
+    assert simulation._outcome(truth) == "unreachable"
 
 
 def heard(*overrides, seconds=0.1):
