@@ -143,7 +143,7 @@ def _wave(
     distance = np.full(nodes, _FAR, np.int32)
     parent = np.full(nodes, -1, np.int32)
     signature = np.zeros(nodes, np.int64)
-    buckets = _DIAGONAL * _SOLID + 1
+    buckets = _DIAGONAL * int(weight.max()) + 1
     head = np.full(buckets, -1, np.int32)
     entry_node = np.empty(8 * nodes + 8, np.int32)
     entry_next = np.empty(8 * nodes + 8, np.int32)
