@@ -53,7 +53,8 @@ class Localiser:
     """One control period at a time. start: (3,) in map; base_from_laser: (3,) x, y, yaw.
 
     ``slam`` is the map; ``said`` what there is to say of this period; ``jumped`` whether the robot
-    has found itself somewhere else in it.
+    has found itself somewhere else in it; ``seen_from`` (3,) where it was, in map, at the instant
+    of a scan that was taken in, which may be a while ago.
     """
 
     def __init__(
@@ -73,6 +74,7 @@ class Localiser:
         self._bias = 0.0
         self.mapped, self.jumped = bool(config.slam.prior_map), False
         self.new_surfaces_m: FloatArray | None = None
+        self.seen_from: FloatArray | None = None
         self.said: list[Message] = []
         self._time = {name: profiler.stage(name) for name in ("ekf", "slam")}
 
@@ -86,11 +88,16 @@ class Localiser:
     ) -> Estimate:
         """Take one period's readings; the belief now. driven: whether the motors have a voltage."""
         self.said.clear()
-        self.jumped, self.new_surfaces_m = False, None
+        self.jumped, self.new_surfaces_m, self.seen_from = False, None, None
         with self._time["ekf"]:
             estimate = self._advance(encoders, imu, driven)
         if scan is not None:
+            before = self.slam.points_m
             estimate = self._localise(scan, estimate)
+            belief = self.ekf.belief_at(scan.t_ns)
+            # A scan that is too old, or comes out of turn, leaves the points of another.
+            if belief is not None and self.slam.points_m is not before:
+                self.seen_from = belief[0]
         with self._time["ekf"]:
             self.said.append(self._reckoning.frames(estimate))
             changed = self.health.review(estimate.t_ns)

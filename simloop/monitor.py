@@ -18,13 +18,15 @@ from simloop.messages import FloatArray
 
 _STEP_M = 0.02
 _STEP_RAD = 0.04
+_FINER = 20  # steps for one, where a corner could else pass a point unseen
 _HALVINGS = 4
 _LEAST_PART = 0.1  # less than this of a velocity is not worth creeping with
 _SCANS = 3
 _WINDOW = 4  # points on either side that a point is averaged with
 _ONE_SURFACE_M = 0.05
 _LOOKS = 4  # places on an arc at which room is looked for
-_BETWEEN_SCANS_M = 0.2  # how far the robot may come before the next scan, and some
+_BETWEEN_SCANS_M = 0.2  # how far the robot may at least come before the next scan, and some
+_SCANS_MISSED = 4  # after as many without a scan it stands, whatever else
 
 
 @njit(cache=True)
@@ -130,20 +132,16 @@ def _hindered(
 
 
 @njit(cache=True)
-def free_fraction(
+def _free_of(
     points: FloatArray,
     ahead: float,
     turned: float,
     half_length: float,
     half_width: float,
     margin: float,
+    steps: int,
 ) -> float:
-    """How much of a motion, 0 to 1, is free before the footprint is within ``margin`` of a point.
-
-    points: (n, 2) in base_link now. The motion is an arc, ``ahead`` m long and ``turned`` rad
-    round. A point that is within the margin already hinders only what brings it nearer.
-    """
-    steps = math.ceil(max(abs(ahead) / _STEP_M, abs(turned) / _STEP_RAD))
+    """``free_fraction`` as far as that many steps along the arc can tell."""
     for step in range(1, steps + 1):
         f = step / steps
         if _hindered(points, f * ahead, f * turned, half_length, half_width, margin):
@@ -156,6 +154,45 @@ def free_fraction(
                     low = f
             return low
     return 1.0
+
+
+@njit(cache=True)
+def within(
+    points: FloatArray, half_length: float, half_width: float, margin: float
+) -> FloatArray:
+    """(k, 2) of the points (n, 2), in base_link, that are nearer to the footprint than a margin."""
+    out, k = np.empty_like(points), 0
+    for i in range(points.shape[0]):
+        if rectangle_distance(points[i, 0], points[i, 1], half_length, half_width) < margin:
+            out[k] = points[i]
+            k += 1
+    return out[:k]
+
+
+@njit(cache=True)
+def free_fraction(
+    points: FloatArray,
+    ahead: float,
+    turned: float,
+    half_length: float,
+    half_width: float,
+    margin: float,
+) -> float:
+    """How much of a motion, 0 to 1, is free before the footprint is within ``margin`` of a point.
+
+    points: (n, 2) in base_link now. The motion is an arc, ``ahead`` m long and ``turned`` rad
+    round. A point that is within the margin already hinders only what brings it nearer; there the
+    margin makes good nothing that lies between two steps, and they are finer.
+    """
+    steps = math.ceil(max(abs(ahead) / _STEP_M, abs(turned) / _STEP_RAD))
+    free = _free_of(points, ahead, turned, half_length, half_width, margin, steps)
+    near = within(points, half_length, half_width, margin)
+    if near.shape[0] and free > 0.0:
+        part = math.ceil(free * steps * _FINER)
+        free *= _free_of(
+            near, free * ahead, free * turned, half_length, half_width, margin, part
+        )
+    return free
 
 
 @njit(cache=True)
@@ -207,7 +244,10 @@ def room_after(
 class CollisionMonitor:
     """Scales a body velocity down to what the last scans allow."""
 
-    def __init__(self, config: TrackerConfig, vehicle: VehicleConfig) -> None:
+    def __init__(
+        self, config: TrackerConfig, vehicle: VehicleConfig, scan_s: float = 0.1
+    ) -> None:
+        """scan_s: time, s, from one scan to the next."""
         self._limits = np.array(
             [
                 config.monitor_reaction_s,
@@ -219,10 +259,12 @@ class CollisionMonitor:
             ]
         )
         reach = math.hypot(vehicle.length_m, vehicle.width_m) / 2.0 + config.monitor_margin_m
-        stop = config.max_speed_mps * (
-            config.monitor_reaction_s + config.max_speed_mps / config.max_decel_mps2
+        top = config.max_speed_mps
+        braking = max(
+            top / config.max_decel_mps2, config.max_yaw_rate_radps / config.max_yaw_accel_radps2
         )
-        self._near_m = reach + stop + _BETWEEN_SCANS_M
+        stop = top * (config.monitor_reaction_s + braking)
+        self._near_m = reach + stop + max(_BETWEEN_SCANS_M, _SCANS_MISSED * scan_s * top)
         self._scans: deque[FloatArray] = deque(maxlen=_SCANS)  # points in map
         self._points = np.empty((0, 2))
         self._pose = np.zeros(3)

@@ -70,7 +70,7 @@ class Robot:
             config.tracker, vehicle, safe, mission.goal, mission.goal_tolerance_m, period
         )
         self._drive = Drive(config.tracker, config.motor, config.encoder, vehicle, period)
-        self._monitor = CollisionMonitor(config.tracker, vehicle)
+        self._monitor = CollisionMonitor(config.tracker, vehicle, rates.lidar_s)
         self._recovery = Recovery(config.tracker, self._monitor)
         self._reach = Reachability(mission.goal_tolerance_m, vehicle.width_m)
         self._plan_ns = round(rates.plan_s * 1e9)
@@ -116,8 +116,8 @@ class Robot:
             self._begin_anew()
         if localiser.new_surfaces_m is not None:
             self._unchecked.append(localiser.new_surfaces_m)
-        if scan is not None:
-            self._monitor.observe(self._slam.points_m, estimate.pose)
+        if localiser.seen_from is not None:
+            self._monitor.observe(self._slam.points_m, localiser.seen_from)
         if not localiser.health.said.halts:
             reason = self._reason_to_plan(estimate, scan is not None)
             if reason:

@@ -22,6 +22,7 @@ from simloop.se2 import wrap_angle
 
 _SEARCH_M = 0.5  # how far along the path the nearest point may have moved since last time
 _LEAST_MPS = 0.05  # while a path is followed: no dead start
+_LONG_AGO = 1.5e9  # ns for each s of a period: counts that took longer tell of no one period
 YAW, CURVATURE, ARC, SPEED = range(2, 6)  # columns of a path in the kernels, after x and y
 
 
@@ -332,16 +333,18 @@ class Drive:
         """The command for a speed, m/s, a yaw rate, rad/s, and the mode they came from.
 
         heard: whether the left and the right encoder are to be believed; a loop whose encoder is
-        not is left open, and its motor gets what its law says.
+        not is left open, and its motor gets what its law says. So is one whose counts have not
+        come: it would take them for a belt that stands, and drive it too fast.
         """
         speed, rate, mode = velocity
-        last, self._last = self._last or encoders, encoders
+        first, last, self._last = self._last is None, self._last or encoders, encoders
         come = [
             encoders.left_counts - last.left_counts,
             encoders.right_counts - last.right_counts,
         ]
+        came = first or 0 < encoders.t_ns - last.t_ns < _LONG_AGO * self._law.period
         for side in range(2):
-            if not heard[side]:
+            if not (heard[side] and came):
                 self._errors[side] = 0.0
                 come[side] = round(self._asked[side] * self._law.period / self._law.rad_a_count)
         speeds, volts = drive(

@@ -315,3 +315,20 @@ def test_the_profile_creeps_at_the_safe_distance_and_hurries_in_the_open():
     assert speed[arc < 1.5] == pytest.approx(0.45)
     assert speed[np.abs(arc - 3.0) < 0.1] == pytest.approx(0.3)
     assert speed[(arc > 4.1) & (arc < 5.5)] == pytest.approx(0.3 + 0.15 * 0.5)
+
+
+def test_where_no_counts_come_a_belt_is_driven_by_its_motors_law_and_not_faster():
+    """The same reading again and again, for half a second at full speed, then fresh ones."""
+    plant, drive = plant_on_plane(), Drive(CONFIG, MOTOR, ENCODER, VEHICLE, 0.01)
+    truth, encoders, speeds = plant.reset(np.zeros(3)), Encoders(ENCODER), []
+    heard = encoders.read(truth)
+    for tick in range(400):
+        fresh = encoders.read(truth)
+        heard = heard if 150 <= tick < 200 else fresh
+        speed = min(0.45, 0.008 * tick)
+        command = drive.command((speed, 0.0, "test"), estimate_of(truth), heard)
+        truth = plant.step(command.voltage_v)
+        speeds.append(truth.velocity_body[0])
+    assert max(speeds[150:]) < 0.47
+    assert speeds[199] == pytest.approx(0.45, abs=0.03)
+    assert speeds[-1] == pytest.approx(0.45, abs=0.01)
