@@ -326,6 +326,20 @@ class TrackerConfig:
 
 
 @dataclass(frozen=True, slots=True, config=_STRICT)
+class WatchdogConfig:
+    """What is too old to drive by.
+
+    path_frames: frames of the planner (rates.plan_s) after which the robot stops on a path that
+    no newer one has followed. estimate_s: by which the estimate may lag behind the robot's beat.
+    unheard_mps: speed while neither belt's counts are to be had.
+    """
+
+    path_frames: Annotated[float, Field(ge=1.0, le=1e6)] = 3.0
+    estimate_s: Positive = 0.05
+    unheard_mps: Positive = 0.15
+
+
+@dataclass(frozen=True, slots=True, config=_STRICT)
 class Config:
     """The whole simulator but for the scenario's own facts (arena, start, goal)."""
 
@@ -342,3 +356,4 @@ class Config:
     planner: PlannerConfig = Field(default_factory=PlannerConfig)
     smoother: SmootherConfig = Field(default_factory=SmootherConfig)
     tracker: TrackerConfig = Field(default_factory=TrackerConfig)
+    watchdog: WatchdogConfig = Field(default_factory=WatchdogConfig)

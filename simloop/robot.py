@@ -32,6 +32,7 @@ from simloop.profiler import Profiler
 from simloop.reachability import Reachability
 from simloop.recovery import Recovery
 from simloop.tracker import Drive, Tracker
+from simloop.watchdog import OLD_PATH, StandingCounts, Watchdog
 from simloop.widths import WidthPlanner
 
 _BLOCKED_SLACK_M = 0.02  # the map's grain: a path is blocked only when it is clearly so
@@ -72,11 +73,13 @@ class Robot:
         self._drive = Drive(config.tracker, config.motor, config.encoder, vehicle, period)
         self._monitor = CollisionMonitor(config.tracker, vehicle, rates.lidar_s)
         self._recovery = Recovery(config.tracker, self._monitor)
+        self._watchdog = Watchdog(config.watchdog, rates, config.tracker)
         self._reach = Reachability(mission.goal_tolerance_m, vehicle.width_m)
         self._plan_ns = round(rates.plan_s * 1e9)
         self._plan: Plan | None = None
         self._pending: tuple[int, Plan, Smoother, WorldView] | None = None
-        self._planned_ns = 0
+        self._counts, self._sprocket_radps = StandingCounts(), np.zeros(2)
+        self._planned_ns = self._path_ns = 0
         self._driven = False
         self._unchecked: list[FloatArray] = []
         self._offsets = np.array(vehicle.footprint_offsets_m)
@@ -110,6 +113,7 @@ class Robot:
         """Take one period's readings; answer with the command for the next period."""
         self.said.clear()
         localiser = self._localiser
+        encoders = self._counts.believed(encoders, self._sprocket_radps)
         estimate = localiser.step(encoders, imu, scan, self._driven)
         self.said.extend(localiser.said)
         if localiser.jumped:
@@ -126,6 +130,7 @@ class Robot:
         self.said.append(estimate)
         with self._time["tracker"]:
             command = self._command(estimate, encoders)
+        self._sprocket_radps = command.sprocket_radps
         left, right = command.voltage_v.tolist()
         self._driven = left != 0.0 or right != 0.0
         return command
@@ -149,7 +154,7 @@ class Robot:
             return "blocked"
         if self._tracker.path is None:
             return "recovered"
-        return ""
+        return "stale" if self._watchdog.cause == OLD_PATH else ""
 
     def _blocked(self, estimate: Estimate) -> bool:
         """Whether what came into the map since the plan's view stands in the path's way."""
@@ -203,7 +208,7 @@ class Robot:
         if self._pending is None or estimate.t_ns < self._pending[0]:
             return
         _, plan, smoother, view = self._pending
-        self._pending, self._plan = None, plan
+        self._pending, self._plan, self._path_ns = None, plan, estimate.t_ns
         with self._time["smoother"]:
             path = smoother.smooth(plan, view, estimate.pose)
         self._tracker.follow(path, float(estimate.state[GAUGE]))
@@ -211,6 +216,8 @@ class Robot:
 
     def _command(self, estimate: Estimate, encoders: EncoderReading) -> TrackCommand:
         tracker, recovery, health = self._tracker, self._recovery, self._localiser.health
+        watchdog = self._watchdog
+        self._look_whether_fresh(estimate)
         if health.said.halts:
             tracker.overrule(0.0, 0.0)
             return self._drive.command((0.0, 0.0, health.said.state), estimate, encoders)
@@ -220,10 +227,14 @@ class Robot:
                 tracker.hold()
         else:
             speed, rate, mode = tracker.velocity(estimate)
+            mode = "wait" if watchdog.stops and mode in ("follow", "turn") else mode
             if recovery.watch(estimate, mode in ("follow", "turn")):
                 self._planner.distrust_tight_gaps()
                 recovery.start(estimate, self._next_part(estimate.pose))
                 self._say(Event(estimate.t_ns, "warning", "stuck: backing off"))
+        asked, (speed, rate) = (speed, rate), watchdog.limit(speed, rate)
+        if (speed, rate) != asked:
+            tracker.overrule(speed, rate)
         free_speed, free_rate = self._monitor.allow(speed, rate, estimate.pose)
         if (free_speed, free_rate) != (speed, rate):
             mode = "held"
@@ -231,6 +242,15 @@ class Robot:
         return self._drive.command(
             (free_speed, free_rate, mode), estimate, encoders, health.belts_heard
         )
+
+    def _look_whether_fresh(self, estimate: Estimate) -> None:
+        """Have the watchdog look at what the robot is about to drive by."""
+        tracker = self._tracker
+        followed = tracker.path is not None and not (tracker.arrived or self._recovery.active)
+        reasons = self._localiser.health.said.reasons
+        event = self._watchdog.look(estimate.t_ns, reasons, self._path_ns if followed else None)
+        if event is not None:
+            self._say(event)
 
     def _next_part(self, pose: FloatArray) -> FloatArray | None:
         """The first place (2,) of the path ahead that is ``_NEXT_M`` away from ``pose`` (3,)."""

@@ -25,6 +25,7 @@ ROBOT = [
     "elastic",
     "tracker",
     "monitor",
+    "watchdog",
     "recovery",
     "distance_field",
 ]

@@ -1,0 +1,92 @@
+"""How far the robot goes on when it is told to stop, beside what the collision monitor takes it to.
+
+    python scripts/measure_stopping.py
+
+In the plant, from a steady motion, by the motor loops and the voltages of a run. The exit code is 0
+if it never went further than the monitor assumes.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+
+import numpy as np
+
+from simloop.ekf import GAUGE
+from simloop.messages import EncoderReading, Estimate, FloatArray
+from simloop.plant import Plant
+from simloop.scenario import load
+from simloop.sensors import Encoders
+from simloop.tracker import Drive
+from simloop.world import build_world
+
+_STEADY_S, _STOP_S = 2.0, 3.0
+_GAUGE_RATIO = 1.23
+CASES = {
+    "straight, 0.45 m/s": (0.45, 0.0),
+    "a bend, 0.35 m/s and 0.6 rad/s": (0.35, 0.6),
+    "on the spot, 1.6 rad/s": (0.0, 1.6),
+    "backwards, 0.12 m/s": (-0.12, 0.0),
+}
+FRICTIONS = (0.9, 0.6, 0.3, 0.1)
+
+
+def stop(speed: float, rate: float, friction: float, silent: bool = False) -> FloatArray:
+    """(4,) speed, m/s, and yaw rate, rad/s, when told to stop; way, m, and turn, rad, since then.
+
+    silent: the encoders have given no counts for 0.3 s before.
+    """
+    scenario = load("open", [f"tracks.friction={friction}"])
+    config = scenario.config
+    plant = Plant(build_world(scenario).model, config)
+    truth, period = plant.reset(np.array([0.0, 0.0, 0.0])), config.rates.control_s
+    drive = Drive(config.tracker, config.motor, config.encoder, config.vehicle, period)
+    encoders, state = Encoders(config.encoder), np.zeros(9)
+    state[GAUGE] = _GAUGE_RATIO
+    heard: EncoderReading = encoders.read(truth)
+    ticks, at = round(_STEADY_S / period), None
+    way = turn = 0.0
+    for tick in range(ticks + round(_STOP_S / period)):
+        part = min(1.0, 4.0 * tick / ticks) if tick < ticks else 0.0
+        fresh = encoders.read(truth)
+        heard = heard if silent and ticks - 0.3 / period < tick else fresh
+        asked = (part * speed, part * rate, "test")
+        sent = drive.command(asked, Estimate(truth.t_ns, state, np.eye(9)), heard)
+        if tick == ticks:
+            at = truth
+        truth = plant.step(sent.voltage_v)
+        if at is not None:
+            way += period * math.hypot(*truth.velocity_body[:2].tolist())
+            turn += period * abs(float(truth.velocity_body[5]))
+    assert at is not None
+    return np.array([at.velocity_body[0], at.velocity_body[5], way, turn])
+
+
+def assumed(speed: float, rate: float) -> tuple[float, float]:
+    """Way, m, and turn, rad, that the monitor takes a stop to need."""
+    tracker = load("open").config.tracker
+    braking = max(abs(speed) / tracker.max_decel_mps2, abs(rate) / tracker.max_yaw_accel_radps2)
+    lasts = tracker.monitor_reaction_s + 0.5 * braking
+    return abs(speed) * lasts, abs(rate) * lasts
+
+
+def main() -> int:
+    good = True
+    for name, (speed, rate) in CASES.items():
+        most = assumed(speed, rate)
+        print(f"{name}: assumed {1e3 * most[0]:.0f} mm, {math.degrees(most[1]):.1f} deg")
+        for friction in FRICTIONS:
+            for silent in (False, True) if rate == 0.0 else (False,):
+                was, turning, way, turn = stop(speed, rate, friction, silent)
+                good &= bool(way <= most[0] + 0.004 and turn <= most[1] + 0.01)
+                print(
+                    f"  friction {friction}{', no counts' if silent else ''}: "
+                    f"from {was:.2f} m/s, {turning:.2f} rad/s "
+                    f"{1e3 * way:.0f} mm, {math.degrees(turn):.1f} deg"
+                )
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
