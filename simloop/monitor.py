@@ -288,6 +288,14 @@ class CollisionMonitor:
         part = allowed_part(self._points, self._pose, pose, speed, yaw_rate, self._limits)
         return (speed, yaw_rate) if part >= 1.0 else (speed * part, yaw_rate * part)
 
+    def can_turn(self, turned: float, pose: FloatArray, extra_m: float = 0.0) -> bool:
+        """Whether a turn on the spot by ``turned`` rad at ``pose`` (3,) keeps the margin and some,
+        ``extra_m``, from all that was seen."""
+        half_length, half_width, margin = self._limits[3:].tolist()
+        near = points_in(pose, self._pose, self._points)
+        free = free_fraction(near, 0.0, turned, half_length, half_width, margin + extra_m)
+        return free >= 1.0
+
     def look_along(self, ahead: float, turned: float, pose: FloatArray) -> tuple[float, float]:
         """How much of an arc from ``pose`` (3,) is free, 0 to 1, and the most room, m, on the way.
 

@@ -5,7 +5,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,9 +29,12 @@ from simloop.messages import (
     WorldView,
 )
 from simloop.monitor import CollisionMonitor
+from simloop.outside import opened
 from simloop.profiler import Profiler
 from simloop.reachability import Reachability
 from simloop.recovery import Recovery
+from simloop.reversing import rear_first
+from simloop.se2 import about_face
 from simloop.tracker import Drive, Tracker
 from simloop.watchdog import OLD_PATH, StandingCounts, Watchdog
 from simloop.widths import WidthPlanner
@@ -127,6 +131,8 @@ class Robot:
             if reason:
                 self._replan(estimate, reason)
             self._take_up_plan(estimate)
+            if scan is not None and self._tracker.path is not None:
+                self._tracker.reverses = self._rear_first(estimate.pose, self._tracker.path_yaw)
         self.said.append(estimate)
         with self._time["tracker"]:
             command = self._command(estimate, encoders)
@@ -183,7 +189,7 @@ class Robot:
             view = self._slam.view(estimate.t_ns, self._mission.goal)
             self._unchecked.clear()
         with self._time["planner"]:
-            plan, smoother = self._planner.plan(view, estimate.pose, self._plan, reason)
+            plan, smoother, view = self._find_way(view, estimate.pose, reason)
         self._planned_ns = estimate.t_ns
         self._pending = (estimate.t_ns + self._latency_ns(plan), plan, smoother, view)
         grid = self._slam
@@ -197,6 +203,20 @@ class Robot:
         if not plan.safe:
             self._say(Event(plan.t_ns, "warning", "no safe path found; going on with the best"))
 
+    def _find_way(
+        self, view: WorldView, pose: FloatArray, reason: str
+    ) -> tuple[Plan, Smoother, WorldView]:
+        """The plan from ``pose`` (3,), what smooths it, and the view that it was found in."""
+        plan, smoother = self._planner.plan(view, pose, self._plan, reason)
+        if plan.safe:
+            return plan, smoother, view
+        wider = opened(view)
+        other, its_smoother = self._planner.plan(wider, pose, self._plan, reason)
+        spent = plan.evaluations + other.evaluations
+        if other.safe:
+            return replace(other, evaluations=spent), its_smoother, wider
+        return replace(plan, evaluations=spent), smoother, view
+
     def _latency_ns(self, plan: Plan) -> int:
         """The simulated time that planning takes: given, never measured."""
         planner = self._config.planner
@@ -209,10 +229,15 @@ class Robot:
             return
         _, plan, smoother, view = self._pending
         self._pending, self._plan, self._path_ns = None, plan, estimate.t_ns
+        pose, (ahead, aside) = estimate.pose, plan.waypoints_m[1] - plan.waypoints_m[0]
+        reverses = self._rear_first(pose, math.atan2(aside, ahead))
         with self._time["smoother"]:
-            path = smoother.smooth(plan, view, estimate.pose)
-        self._tracker.follow(path, float(estimate.state[GAUGE]))
+            path = smoother.smooth(plan, view, about_face(pose) if reverses else pose)
+        self._tracker.follow(path, float(estimate.state[GAUGE]), reverses)
         self._say(path)
+
+    def _rear_first(self, pose: FloatArray, path_yaw: float) -> bool:
+        return rear_first(self._monitor, pose, path_yaw, self._tracker.reverses)
 
     def _command(self, estimate: Estimate, encoders: EncoderReading) -> TrackCommand:
         tracker, recovery, health = self._tracker, self._recovery, self._localiser.health

@@ -97,3 +97,8 @@ def transform_points(a_from_b: FloatArray, points: FloatArray) -> FloatArray:
     cos, sin = math.cos(yaw), math.sin(yaw)
     px, py = points[..., 0], points[..., 1]
     return np.stack((x + cos * px - sin * py, y + sin * px + cos * py), axis=-1)
+
+
+def about_face(pose: FloatArray) -> FloatArray:
+    """The pose (3,) of whoever stands at ``pose`` (3+) and takes the rear for the front."""
+    return np.array([pose[0], pose[1], wrap_angle(pose[2] + math.pi)])

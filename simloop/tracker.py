@@ -3,8 +3,9 @@
 It follows a ``SmoothPath`` with the curvature of the path fed forward and a lateral and a
 heading error fed back (Samson's form: w = v kappa - k1 v e sinc(a) - k2 |v| a), at the speed
 that curvature, clearance, the motors and the braking distance allow; turns on the spot where
-the path asks for it; and stands still in the goal's tolerance. Body velocities become track
-speeds with the estimated gauge ratio, so that slip is made good before it happens.
+the path asks for it; goes rear first where it is told to; and stands still in the goal's
+tolerance. Body velocities become track speeds with the estimated gauge ratio, so that slip is
+made good before it happens.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from numba import njit
 from simloop.config import EncoderConfig, MotorConfig, TrackerConfig, VehicleConfig
 from simloop.ekf import GAUGE
 from simloop.messages import EncoderReading, Estimate, FloatArray, SmoothPath, TrackCommand
-from simloop.se2 import wrap_angle
+from simloop.se2 import about_face, wrap_angle
 
 _SEARCH_M = 0.5  # how far along the path the nearest point may have moved since last time
 _LEAST_MPS = 0.05  # while a path is followed: no dead start
@@ -240,7 +241,7 @@ class Tracker:
         self._at = 0
         self._asked = np.zeros(2)
         self.arrived = False
-        self.turning = False
+        self.turning = self.reverses = False
 
     @property
     def path(self) -> SmoothPath | None:
@@ -252,8 +253,17 @@ class Tracker:
         """The samples of the path that are still to come."""
         return slice(self._at, None)
 
-    def follow(self, path: SmoothPath, gauge_ratio: float) -> None:
-        """Follow ``path`` from now on. gauge_ratio: the estimated k of the tracks."""
+    @property
+    def path_yaw(self) -> float:
+        """rad, in map: where the path leads from here. There must be a path."""
+        return float(self._samples[min(self._at + 1, len(self._samples) - 1), YAW])
+
+    def follow(self, path: SmoothPath, gauge_ratio: float, reverses: bool = False) -> None:
+        """Follow ``path`` from now on. gauge_ratio: the estimated k of the tracks.
+
+        reverses: rear first; ``reverses`` may be changed on the way.
+        """
+        self.reverses = reverses
         config = self._config
         limits = np.array(
             [
@@ -286,10 +296,13 @@ class Tracker:
         if self.arrived or self._path is None:
             slew(0.0, 0.0, self._law, asked)
             return float(asked[0]), float(asked[1]), "arrived" if self.arrived else "stop"
-        speed, rate, self._at, self.turning = track(
-            state, self._samples, self._at, self.turning, self._law, asked
+        ahead = about_face(state) if self.reverses else state
+        asked[0] *= -1.0 if self.reverses else 1.0
+        _, rate, self._at, self.turning = track(
+            ahead, self._samples, self._at, self.turning, self._law, asked
         )
-        return speed, rate, "turn" if self.turning else "follow"
+        asked[0] *= -1.0 if self.reverses else 1.0
+        return float(asked[0]), rate, "turn" if self.turning else "follow"
 
     def overrule(self, speed: float, rate: float) -> None:
         """Tell that another velocity was asked for in the end: the limits go on from there."""

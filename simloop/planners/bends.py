@@ -229,11 +229,11 @@ def split_bends(p: Problem, path: FloatArray, m: int, least_turn: float, stack: 
     b = np.empty(2)
     i = 1
     while i < m - 1 and m < MAX_POINTS:
-        if _turn_at(path, i) < least_turn:
-            i += 1
-            continue
         before = math.hypot(path[i, 0] - path[i - 1, 0], path[i, 1] - path[i - 1, 1])
         after = math.hypot(path[i + 1, 0] - path[i, 0], path[i + 1, 1] - path[i, 1])
+        if _turn_at(path, i) < least_turn or min(before, after) == 0.0:
+            i += 1
+            continue
         low, high = 0.0, 0.45 * min(before, after)
         ux = (path[i - 1, 0] - path[i, 0]) / before
         uy = (path[i - 1, 1] - path[i, 1]) / before
