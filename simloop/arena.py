@@ -19,8 +19,9 @@ from scipy.spatial import ConvexHull, QhullError
 from simloop.clutter import draw_clutter
 from simloop.config import PayloadConfig
 from simloop.floor_plan import BAND_M, FloorPlan, Section, rasterise
-from simloop.ground import add_loose, add_terrain
+from simloop.ground import add_loose, add_movers, add_terrain
 from simloop.messages import FloatArray
+from simloop.movers.settings import Mover
 from simloop.obstacles import Obstacle, ellipse_outline
 from simloop.paths import models_dir
 from simloop.terrain import Loose, Terrain
@@ -76,6 +77,7 @@ def build(
     loose: Sequence[Loose] = (),
     friction: float = 0.6,
     bounds: Sequence[float] | None = None,
+    movers: Sequence[Mover] = (),
 ) -> mujoco.MjModel:
     """The arena with the vehicle at its origin, further obstacles and ground, compiled.
 
@@ -96,6 +98,7 @@ def build(
         if terrain is not None:
             add_terrain(world, terrain, friction)
         add_loose(world, loose)
+        add_movers(world, movers)
         if payload is not None:
             add_payload(world, payload)
         _set_options(world, timestep_s)
@@ -220,6 +223,8 @@ def _check_arena(world: mujoco.MjSpec) -> None:
     for joint in world.joints:
         if joint.name not in joints:
             _check_loose(joint)
+    if any(body.mocap for body in world.bodies):
+        raise ValueError("what moves is said by the scenario's [[movers]], not by the arena")
     if world.geom("floor") is None:
         raise ValueError("the arena has no geom named 'floor'")
     for geom in world.geoms:

@@ -1,4 +1,4 @@
-"""Terrain and loose things, added to a world before it is compiled.
+"""Terrain, loose things and movers, added to a world before it is compiled.
 
 What is named ``ground_*`` is ground: touching it is no contact, and it stands on no floor plan.
 Whether a step is ground is decided by theory: by what the vehicle's tracks can climb.
@@ -15,6 +15,7 @@ from scipy.ndimage import gaussian_filter, zoom
 
 from simloop.images import read_grey
 from simloop.messages import FloatArray
+from simloop.movers.settings import Mover
 from simloop.terrain import HeightField, Loose, Ramp, Step, Terrain
 from simloop.track_theory import climbable_step, climbing_angle
 
@@ -23,6 +24,7 @@ _BELLY_M = 0.02
 """Where the hull begins: ground that stays below it between two wheels meets wheels alone."""
 _BASE_M = 0.1
 _ABOVE_M = 10.0
+_MOVER_RGBA = (0.80, 0.32, 0.24, 1.0)
 
 
 def add_terrain(world: mujoco.MjSpec, terrain: Terrain, friction: float) -> None:
@@ -200,3 +202,19 @@ def _add_field(world: mujoco.MjSpec, field: HeightField) -> None:
         conaffinity=0,
         material="sage",
     )
+
+
+def add_movers(world: mujoco.MjSpec, movers: Sequence[Mover]) -> None:
+    """Upright cylinders on mocap bodies, ``mover_01``, ``mover_02``, ..., in their order."""
+    for number, mover in enumerate(movers, start=1):
+        half = 0.5 * mover.height_m
+        name = f"mover_{number:02d}"
+        body = world.worldbody.add_body(name=name, mocap=True, pos=[*mover.start_m, half])
+        body.add_geom(
+            name=name,
+            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+            size=[0.5 * mover.diameter_m, half, 0.0],
+            contype=1,
+            conaffinity=0,
+            rgba=_MOVER_RGBA,
+        )

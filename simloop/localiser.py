@@ -28,8 +28,10 @@ from simloop.messages import (
     ImuReading,
     LidarScan,
     Message,
+    MoverTracks,
     PoseFix,
 )
+from simloop.mover_tracks import MoverWatch
 from simloop.odometry import DeadReckoning
 from simloop.profiler import Profiler
 from simloop.relocalise import SearchMap, relocalise
@@ -38,6 +40,9 @@ from simloop.slam_grid import GridSlam
 
 _LEAST_POINTS = 30  # in a scan that can contradict: two thin posts that fit nowhere mean little
 _POOR_SCORE = 0.6  # share of the points that meet the map: with fewer a fit is a matter of luck
+_SURE_SCORE, _SLIGHT_M, _SLIGHT_RAD = 0.9, 0.03, 0.03
+"""A match this good and this near is not the wrong place: belts that slip in a jerk are off by so
+much, and neither they nor an accelerometer can tell."""
 _SHOVE_MPS2 = 1.5  # sideways, more than tracks make of themselves, over _SHOVE_TICKS
 _SHOVE_TICKS = 5
 _SHOVE_NS = 300_000_000
@@ -63,6 +68,7 @@ class Localiser:
         period_s, self._scan_s = config.rates.control_s, config.rates.lidar_s
         self.ekf = Ekf(config.ekf, config.encoder, config.imu, config.vehicle, start, period_s)
         self.slam = GridSlam(config.slam, config.vehicle, base_from_laser)
+        self._watch, self._laser = MoverWatch(), np.array(base_from_laser, np.float64)
         self.health = HealthMonitor(round(self._scan_s * 1e9))
         self._reckoning = DeadReckoning(config.vehicle, config.encoder)
         self._sweep_ns = round((self._scan_s + period_s) * 1e9)
@@ -77,6 +83,11 @@ class Localiser:
         self.seen_from: FloatArray | None = None
         self.said: list[Message] = []
         self._time = {name: profiler.stage(name) for name in ("ekf", "slam")}
+
+    @property
+    def movers(self) -> MoverTracks | None:
+        """What is known to move, as of the last scan that was entered."""
+        return self._watch.tracks
 
     @property
     def gave_up(self) -> bool:
@@ -151,7 +162,7 @@ class Localiser:
             return estimate
         with self._time["slam"]:
             fix = self._match(scan, *belief)
-        seen = len(self.slam.points_m) >= _LEAST_POINTS
+        seen = self.slam.matched >= _LEAST_POINTS
         self.said.append(fix)
         if self.health.lost:
             with self._time["slam"]:
@@ -165,14 +176,15 @@ class Localiser:
         self.health.scan(scan.t_ns, taken or not self.mapped, seen)
         with self._time["slam"]:
             # What tells too little to be placed by stands where the other senses have it.
-            if (taken or not self.mapped or not seen) and not self.ekf.shove_var:
-                self._enter(scan)
+            entered = (taken or not self.mapped or not seen) and not self.ekf.shove_var
+            self._enter(scan, entered)
         with self._time["ekf"]:
             return self.ekf.estimate()
 
     def _match(self, scan: LidarScan, pose: FloatArray, covariance: FloatArray) -> PoseFix:
         times, poses = self._trail.odom(scan.t_ns - self._sweep_ns, scan.t_ns)
-        return self.slam.match(scan, times, poses, pose, covariance)
+        moving = self._watch.discs_at(scan.t_ns)
+        return self.slam.match(scan, times, poses, pose, covariance, moving)
 
     def _believe(self, fix: PoseFix) -> bool:
         """Give a fix to the filter; where it is refused, ask who is wrong, and mend that."""
@@ -192,7 +204,8 @@ class Localiser:
             return False
         moved = between(last.pose, fix.pose)
         alone, off = voices.against(moved), between(belief[0], fix.pose)
-        if alone == "lidar":
+        slight = math.hypot(off[0], off[1]) < _SLIGHT_M and abs(off[2]) < _SLIGHT_RAD
+        if alone == "lidar" and not (slight and fix.score > _SURE_SCORE):
             return False
         doubts = np.zeros(STATES)
         doubts[:2] = max(0.01, math.hypot(off[0], off[1]))
@@ -206,11 +219,17 @@ class Localiser:
         self.ekf.doubt(fix.t_ns, doubts)
         return self.ekf.correct(fix)
 
-    def _enter(self, scan: LidarScan) -> None:
+    def _enter(self, scan: LidarScan, mapped: bool) -> None:
+        """Look what moves in a scan; enter the rest in the map, if it is to be ``mapped``."""
         belief = self.ekf.belief_at(scan.t_ns)
         if belief is None:
             return
-        self.slam.insert(scan, belief[0])
+        moving = self._watch.look(self.slam.points_m, self._laser, belief[0], scan.t_ns)
+        if self._watch.tracks is not None:
+            self.said.append(self._watch.tracks)
+        if not mapped:
+            return
+        self.slam.insert(scan, belief[0], moving)
         self.ekf.mapped(self.slam.new_share)
         self.mapped, self.new_surfaces_m = True, self.slam.new_surfaces_m
 
@@ -233,5 +252,6 @@ class Localiser:
         self.ekf.doubt(fix.t_ns, doubts)
         self.health.found()
         self._found, self.jumped = None, True
+        self._watch.forget()
         self.said.append(Event(scan.t_ns, "info", "found itself in its map again"))
         return fix

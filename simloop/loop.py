@@ -12,8 +12,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from simloop.faults import Faults
-from simloop.messages import LidarScan, Message, Truth
+from simloop.messages import GoalReading, LidarScan, Message, Truth
 from simloop.metrics import RunMetrics
+from simloop.movers.crowd import Crowd, MovingGoal
 from simloop.plant import Plant
 from simloop.profiler import Profiler
 from simloop.robot import Mission, Robot
@@ -69,7 +70,8 @@ class Simulation:
         self.scenario = scenario
         self.world = world or build_world(scenario)
         self.plant = Plant(self.world.model, config)
-        imu_rng, lidar_rng, planner_rng, fault_rng = np.random.default_rng(scenario.seed).spawn(4)
+        rngs = np.random.default_rng(scenario.seed).spawn(6)
+        imu_rng, lidar_rng, planner_rng, fault_rng, crowd_rng, goal_rng = rngs
         self._encoders = Encoders(config.encoder)
         self._imu = Imu(config.imu, rates.control_s, imu_rng)
         mount = self.plant.base_from_laser
@@ -84,7 +86,22 @@ class Simulation:
         self.metrics = RunMetrics(scenario, self.world.floor)
         offers = [] if recorder is None else [watch.wrap("recorder", recorder.offer)]
         self._listeners: list[Listener] = [self.metrics.offer, *offers, *listeners]
+        self._crowd = self._moving_goal = None
+        if self.world.movers:
+            self._crowd = Crowd(
+                self.world.movers, self.world.floor, config.vehicle, rates.control_s, crowd_rng
+            )
+        if scenario.goal_motion is not None:
+            self._moving_goal = MovingGoal(
+                scenario.goal_motion,
+                scenario.goal,
+                self.world.floor,
+                config.vehicle,
+                rates.control_s,
+                goal_rng,
+            )
         self._goal, self._limit_ns = goal, round(scenario.time_limit_s * 1e9)
+        self._period_ns = round(rates.control_s * 1e9)
         self._step = watch.wrap("plant", self.plant.step)
         self._sweep = watch.wrap("lidar", self._lidar.sweep)
 
@@ -103,14 +120,15 @@ class Simulation:
         with _no_collector():
             while not outcome:
                 faults.act(self.plant, truth)
+                goal = self._move_all(truth)
                 before, truth = truth, self._step(voltage)
                 encoders = faults.encoders(self._encoders.read(truth))
                 imu = faults.imu(self._imu.read(truth))
                 faults.at(truth.t_ns)
                 scan = faults.scan(self._sweep(before, truth, self._rays), truth.t_ns)
-                command = self.robot.step(encoders, imu, scan)
+                command = self.robot.step(encoders, imu, scan, goal)
                 voltage = command.voltage_v
-                heard = self._heard(scan)
+                heard = self._heard(scan, goal)
                 self._publish([truth, encoders, imu, *heard, command])
                 self._publish(self.robot.said)
                 outcome, ticks = self._outcome(truth), ticks + 1
@@ -119,11 +137,21 @@ class Simulation:
                     outcome = "" if goes_on else "interrupted"
         return self._result(outcome, time.perf_counter() - began)
 
-    def _heard(self, scan: LidarScan | None) -> list[Message]:
-        """What comes with each whole turn of the LiDAR, and the truth to hold against it."""
+    def _move_all(self, truth: Truth) -> GoalReading | None:
+        """Send the movers and the goal on their way; what the robot is told of the goal."""
+        if self._crowd is not None:
+            self.plant.move(self._crowd.step(truth.pose_xyyaw))
+        if self._moving_goal is None:
+            return None
+        self._goal = self._moving_goal.step()
+        return self._moving_goal.reading(truth.t_ns + self._period_ns, self._goal)
+
+    def _heard(self, scan: LidarScan | None, goal: GoalReading | None) -> list[Message]:
+        """What comes less often, and the truth to hold against it."""
+        heard: list[Message] = [] if goal is None else [goal]
         if scan is None:
-            return []
-        heard: list[Message] = [scan, self.plant.track_truth()]
+            return heard
+        heard += [scan, self.plant.track_truth()]
         loose = self.plant.loose_truth()
         return heard if loose is None else [*heard, loose]
 
@@ -133,6 +161,7 @@ class Simulation:
             wall_time_s=wall_time_s,
             state_hash=self.plant.state_hash(),
             plan_ms=self.profiler.stage("planner").milliseconds,
+            goal=self._goal,
         )
         return RunResult(outcome, metrics)
 
@@ -148,7 +177,8 @@ class Simulation:
         """How the run ended, or nothing while it goes on. Only the referee knows the truth."""
         if truth.contact_count:
             return "collision"
-        if self.robot.arrived and abs(truth.velocity_body[0]) < _STILL_MPS:
+        still = self._moving_goal is not None or abs(truth.velocity_body[0]) < _STILL_MPS
+        if self.robot.arrived and still:
             near = self._distance(truth) <= self.scenario.goal_tolerance_m
             return "reached" if near else "missed"
         if self.robot.lost:

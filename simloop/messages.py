@@ -52,6 +52,7 @@ class Truth(_Message):
     energy_j: electrical energy drawn from the battery since the start.
     contact_count: touches of the vehicle with anything but the ground, counted at their onset.
     in_contact: whether it touches anything but the ground now.
+    hit_count: touches that began while it stood with its motors off, which are no contact_count.
     """
 
     t_ns: int
@@ -67,6 +68,7 @@ class Truth(_Message):
     energy_j: float
     contact_count: int
     in_contact: bool
+    hit_count: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,7 +91,7 @@ class TrackTruth(_Message):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LooseTruth(_Message):
-    """Where loose things truly are; bodies: (n,) their names, in the model's order.
+    """Where things that can move truly are; bodies: (n,) their names, in the model's order.
 
     position_m: (n, 3) of their centres in the world; quaternion_wxyz: (n, 4).
     """
@@ -132,6 +134,14 @@ class LidarScan(_Message):
     age_ns: NDArray[np.int64]
     range_min_m: float
     range_max_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GoalReading(_Message):
+    """Where a goal that moves is, as the robot is told; position_m: (2,) in map."""
+
+    t_ns: int
+    position_m: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -205,6 +215,22 @@ class PoseFix(_Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class MoverTracks(_Message):
+    """Things that the robot has seen move, as discs in map at ``t_ns``.
+
+    number: (n,) int64, the same for the same thing. position_m, velocity_mps: (n, 2); radius_m:
+    (n,) of what was seen of it; std_m: (n,) of its place, one axis.
+    """
+
+    t_ns: int
+    number: NDArray[np.int64]
+    position_m: FloatArray
+    velocity_mps: FloatArray
+    radius_m: FloatArray
+    std_m: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class WorldView(_Message):
     """What a planner may know of the world, all of it from the robot's own map.
 
@@ -213,6 +239,7 @@ class WorldView(_Message):
     discs_xyr_m: (K, 3) obstacles as discs. polygons_m: corners (N, 2) of convex ones.
     bounds_m: (4,) x_min, y_min, x_max, y_max of the
     space in which waypoints may lie. Outside the grid all is free; unknown is free.
+    movers: what moves, which is in none of the others; None where nothing is known to.
     """
 
     t_ns: int
@@ -222,6 +249,7 @@ class WorldView(_Message):
     discs_xyr_m: FloatArray
     bounds_m: FloatArray
     polygons_m: tuple[FloatArray, ...] = ()
+    movers: MoverTracks | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -318,6 +346,8 @@ Message = (
     | SmoothPath
     | TrackCommand
     | LooseTruth
+    | MoverTracks
+    | GoalReading
     | MapUpdate
     | Event
 )

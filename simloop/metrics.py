@@ -44,6 +44,7 @@ class RunMetrics:
     def __init__(self, scenario: Scenario, floor: FloorPlan) -> None:
         self._scenario = scenario
         self._floor = floor
+        self._goal = scenario.goal
         self._last: Truth | None = None
         self._tracks: TrackTruth | None = None
         self._true_ns: list[int] = []
@@ -77,8 +78,8 @@ class RunMetrics:
     def distance_to_go_m(self) -> float:
         """Straight distance from the robot's true place to the goal."""
         if self._last is None:
-            return math.dist(self._scenario.start[:2], self._scenario.goal)
-        return math.dist(self._last.pose_xyyaw[:2], self._scenario.goal)
+            return math.dist(self._scenario.start[:2], self._goal)
+        return math.dist(self._last.pose_xyyaw[:2], self._goal)
 
     def outcome(self) -> Outcome:
         """How the run ended, judged by the truth alone.
@@ -102,6 +103,7 @@ class RunMetrics:
         wall_time_s: float,
         plan_ms: Sequence[float],
         outcome: str | None = None,
+        goal: FloatArray | None = None,
     ) -> dict[str, Any]:
         """The figures that ``--json`` writes; None where a figure does not exist.
 
@@ -118,8 +120,12 @@ class RunMetrics:
         health: what the robot said of its localisation, see ``health_account``.
 
         plan_ms: wall times of the planner's calls; replans: its calls after the first. outcome:
-        where the loop knows better than the truth alone (``interrupted``, ``missed``).
+        where the loop knows better than the truth alone (``interrupted``, ``missed``). goal: (2,)
+        where it is in the end, if it has moved: distance and shortest path are those to there.
+        hit_count: touches by what moves while the robot stood, which contact_count leaves out.
         """
+        if goal is not None:
+            self._goal = (float(goal[0]), float(goal[1]))
         outcome = outcome or self.outcome()
         poses = np.array(self._true_poses).reshape(-1, 3)
         path_m = float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
@@ -139,6 +145,7 @@ class RunMetrics:
             "spl": spl,
             "min_clearance_m": clearance_m if math.isfinite(clearance_m) else None,
             "contact_count": self._last.contact_count if self._last else 0,
+            "hit_count": self._last.hit_count if self._last else 0,
             **self._estimation_errors(poses),
             "distance_to_go_m": self.distance_to_go_m(),
             "replans": max(0, len(self._evaluations) - 1),
@@ -157,7 +164,7 @@ class RunMetrics:
     def _shortest_m(self) -> float | None:
         scenario = self._scenario
         radius_m = scenario.config.vehicle.footprint_radius_m
-        length_m = _shortest_m(self._floor, scenario.start[:2], scenario.goal, radius_m)
+        length_m = _shortest_m(self._floor, scenario.start[:2], self._goal, radius_m)
         return None if length_m is None else max(0.0, length_m - scenario.goal_tolerance_m)
 
     def _estimation_errors(self, poses: FloatArray) -> dict[str, Any]:

@@ -25,6 +25,7 @@ PATH: Colour = (201, 106, 30)
 PLAN: Colour = (168, 60, 160)
 CANDIDATE: Colour = (222, 196, 170)
 DISC: Colour = (40, 130, 235)
+MOVER: Colour = (30, 30, 150)
 SCAN: Colour = (48, 48, 214)
 TRAIL: Colour = (110, 150, 60)
 GOAL: Colour = (70, 160, 40)
@@ -80,6 +81,7 @@ class PlannerView:
         if belief.world is not None:
             for x, y, radius in belief.world.discs_xyr_m:
                 self._circle(image, (x, y), radius, DISC)
+            self._movers(image, belief.world)
         if belief.plan is not None:
             for candidate in belief.plan.candidates_m:
                 self._line(image, candidate, CANDIDATE, 1)
@@ -116,6 +118,17 @@ class PlannerView:
         sure = np.clip(np.abs(odds) / _SURE_LOG_ODDS, 0.0, 1.0)[..., None]
         ends = np.where(odds[..., None] > 0.0, np.array(INK, float), np.array(PAPER, float))
         return np.ascontiguousarray((image * (1.0 - sure) + ends * sure).astype(np.uint8))
+
+    def _movers(self, image: Image, world: WorldView) -> None:
+        """Each as a disc and where it will be in a second."""
+        if world.movers is None:
+            return
+        tracks = world.movers
+        for place, velocity, radius in zip(
+            tracks.position_m, tracks.velocity_mps, tracks.radius_m, strict=True
+        ):
+            self._circle(image, place, radius, MOVER)
+            self._line(image, np.array([place, place + velocity]), MOVER, 2)
 
     def _scan(self, image: Image, belief: Belief) -> None:
         scan, pose = belief.scan, belief.scan_pose

@@ -44,6 +44,7 @@ from simloop.tracks import (
 
 _GRAVITY_MPS2 = 9.81
 _TURNING_RADPS = 0.02
+_STILL_MPS = 0.01  # of the belts: what stands
 _WHEEL_M = 0.06  # about a road wheel, what is under it; well within its own side
 
 
@@ -117,13 +118,15 @@ class Plant:
             self.model.dof_frictionloss[dof:],
             self._base,
         )
-        self._loose = [i for i in range(1, model.nbody) if i != self._base and is_free(model, i)]
+        others = [i for i in range(1, model.nbody) if i != self._base]
+        self._loose = [i for i in others if is_free(model, i) or model.body_mocapid[i] >= 0]
         self._loose_names = tuple(model.body(i).name for i in self._loose)
         self._terrain = [i for i in range(model.ngeom) if model.geom(i).name.startswith("ground_")]
         self._ray_groups = np.isin(np.arange(6), SEEN_GROUPS).astype(np.uint8)
         self.t_ns = 0
-        self._contacts = 0
+        self._contacts = self._hits = 0
         self._touching = False
+        self._way: FloatArray | None = None
 
     @property
     def tracks(self) -> TrackState:
@@ -184,7 +187,7 @@ class Plant:
             self._step()
         self._state.work[:] = 0.0
         self.data.time = 0.0
-        self.t_ns, self._contacts, self._touching = 0, 0, False
+        self.t_ns, self._contacts, self._hits, self._touching = 0, 0, 0, False
         return self.truth(self._qvel[:3].copy())
 
     def _stand(self, pose: FloatArray) -> None:
@@ -224,6 +227,8 @@ class Plant:
         self._voltage[:] = voltage_v
         before = self._qvel[:3].copy()
         for _ in range(self.substeps):
+            if self._way is not None:
+                self.data.mocap_pos[:, :2] += self._way
             self._step()
         self.t_ns += self.substeps * self._dt_ns
         return self.truth(before)
@@ -248,6 +253,10 @@ class Plant:
         """A force (2,) on the chassis, in the world, from now on."""
         self._body.joint_force[:2] = force_n
 
+    def move(self, places_m: FloatArray) -> None:
+        """Where the movers, (n, 2) in the model's order, shall be after the next control period."""
+        self._way = (places_m - self.data.mocap_pos[:, :2]) / self.substeps
+
     def put_down(self, pose: FloatArray) -> None:
         """Stand at ``pose`` (3,) x, y, yaw, at rest; the sprockets keep their angles."""
         self._stand(pose)
@@ -268,8 +277,17 @@ class Plant:
         )
         mujoco.mj_step(self.model, self.data)
         touching = bool(self._state.touching[0])
-        self._contacts += touching and not self._touching
+        if touching and not self._touching:
+            stood = self._stands()
+            self._hits, self._contacts = self._hits + stood, self._contacts + (not stood)
         self._touching = touching
+
+    def _stands(self) -> bool:
+        """Whether the robot itself stands still: its motors off, its belts at rest or, once it has
+        been hit, no faster than it is pushed."""
+        pushed = self._hits > 0
+        belts = self._radius_m * np.abs(self._qvel[self._sprocket_dof]).max()
+        return not self._voltage.any() and bool(pushed or belts < _STILL_MPS)
 
     def truth(self, velocity_before: FloatArray) -> Truth:
         """The truth now. velocity_before: (3,) world velocity one control period ago.
@@ -301,6 +319,7 @@ class Plant:
             energy_j=float(self._state.work[0]),
             contact_count=self._contacts,
             in_contact=self._touching,
+            hit_count=self._hits,
         )
 
     def track_truth(self) -> TrackTruth:
@@ -319,7 +338,8 @@ class Plant:
     def state_hash(self) -> str:
         """A digest of the whole physical state: equal only where every bit is."""
         digest = hashlib.sha256()
-        for array in (self.data.qpos, self.data.qvel, self.data.act, *self._state):
+        data = self.data
+        for array in (data.qpos, data.qvel, data.act, data.mocap_pos, *self._state):
             digest.update(np.ascontiguousarray(array).tobytes())
         digest.update(self.t_ns.to_bytes(8, "little"))
         return digest.hexdigest()[:16]

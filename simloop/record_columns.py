@@ -50,7 +50,11 @@ SERIES: dict[str, tuple[type, tuple[str, ...], Column]] = {
         _column(lambda m: m.wheel_load_n),
     ),
     "tracks/shear_work": (TrackTruth, ("taken",), _column(lambda m: m.shear_work_j)),
-    "contacts": (Truth, ("contacts",), _column(lambda m: m.contact_count)),
+    "contacts": (
+        Truth,
+        ("contacts", "hits while standing"),
+        _column(lambda m: (m.contact_count, m.hit_count)),
+    ),
     "filter": (Estimate, ("gyro bias", "gauge ratio"), _column(lambda m: m.state[5:7])),
     "filter/icr": (Estimate, ("y offset", "x"), _column(lambda m: m.state[7:9])),
     "health": (Health, ("0 ok, 1 degraded, 2 lost",), _column(lambda m: _HEALTH[m.state])),
@@ -92,6 +96,14 @@ def nees(error: FloatArray, covariance: FloatArray) -> FloatArray:
 def circles(discs_xyr_m: FloatArray) -> list[FloatArray]:
     """K outlines (33, 2) of discs (K, 3)."""
     return [disc[:2] + disc[2] * _ROUND for disc in discs_xyr_m]
+
+
+def mover_strips(
+    position_m: FloatArray, velocity_mps: FloatArray, radius_m: FloatArray
+) -> list[FloatArray]:
+    """2 K strips: outlines of discs (K, 2), (K,), and lines to where they will be in a second."""
+    ways = np.stack([position_m, position_m + velocity_mps], axis=1)
+    return [*circles(np.column_stack([position_m, radius_m])), *ways]
 
 
 def ellipses(centres: FloatArray, covariance: FloatArray, scale: float) -> FloatArray:

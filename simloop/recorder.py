@@ -24,10 +24,12 @@ from simloop.messages import (
     Event,
     FloatArray,
     Frames,
+    GoalReading,
     LidarScan,
     LooseTruth,
     MapUpdate,
     Message,
+    MoverTracks,
     Plan,
     SmoothPath,
     TrackCommand,
@@ -42,6 +44,7 @@ from simloop.record_columns import (
     circles,
     ellipses,
     lifted,
+    mover_strips,
     nees,
     occupancy_percent,
 )
@@ -165,6 +168,8 @@ class RerunRecorder:
         self._write_poses(kept[Truth], kept[Estimate], kept[Frames])
         self._write_scans(kept[LidarScan])
         self._write_loose(kept[LooseTruth])
+        self._write_movers(kept[MoverTracks])
+        self._write_goals(kept[GoalReading])
         for plan in kept[Plan]:
             self._write_plan(plan)
         for view in kept[WorldView]:
@@ -319,6 +324,17 @@ class RerunRecorder:
             turns = np.array([t.quaternion_wxyz[number] for t in truths])[:, [1, 2, 3, 0]]
             columns = self._rr.Transform3D.columns(translation=where, quaternion=turns)
             self._send(f"{MAP}/arena/{name}/turned", [t.t_ns for t in truths], columns)
+
+    def _write_movers(self, tracks: list[MoverTracks]) -> None:
+        """Each as a disc and where it will be in a second."""
+        if tracks:
+            rows = [mover_strips(t.position_m, t.velocity_mps, t.radius_m) for t in tracks]
+            self._send_strips(f"{MAP}/movers", [t.t_ns for t in tracks], rows, 0.04)
+
+    def _write_goals(self, readings: list[GoalReading]) -> None:
+        if readings:
+            rows = [circles(np.array([[*r.position_m, 0.1]])) for r in readings]
+            self._send_strips(f"{MAP}/goal_told", [r.t_ns for r in readings], rows, 0.01)
 
     def _write_plan(self, plan: Plan) -> None:
         self._send_strips(f"{MAP}/plan/candidates", [plan.t_ns], [plan.candidates_m], 0.006)

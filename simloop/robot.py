@@ -14,12 +14,14 @@ from simloop.bezier import Smoother
 from simloop.blockage import stands_in_the_way
 from simloop.config import Config
 from simloop.ekf import GAUGE
+from simloop.foreseen import foresee
 from simloop.localiser import Localiser
 from simloop.messages import (
     EncoderReading,
     Estimate,
     Event,
     FloatArray,
+    GoalReading,
     ImuReading,
     LidarScan,
     MapUpdate,
@@ -31,16 +33,19 @@ from simloop.messages import (
 from simloop.monitor import CollisionMonitor
 from simloop.outside import opened
 from simloop.profiler import Profiler
+from simloop.pursuit import Pursuit
 from simloop.reachability import Reachability
 from simloop.recovery import Recovery
 from simloop.reversing import rear_first
 from simloop.se2 import about_face
+from simloop.separation import Separation
 from simloop.tracker import Drive, Tracker
 from simloop.watchdog import OLD_PATH, StandingCounts, Watchdog
 from simloop.widths import WidthPlanner
 
 _BLOCKED_SLACK_M = 0.02  # the map's grain: a path is blocked only when it is clearly so
 _HOPELESS_NS = 500_000_000  # between replans for a blockage that the last plan could not avoid
+_MOVERS_M, _MOVERS_NS = 3.0, 600_000_000  # from what moves; and how old a plan is then too old
 _NEXT_M = 0.4  # where on its path a robot that is held would like to be
 
 
@@ -67,24 +72,27 @@ class Robot:
         rates, vehicle = config.rates, config.vehicle
         safe = config.planner.safe_distance_m
         period = rates.control_s
-        self._config, self._mission = config, mission
+        self._config = config
         self._localiser = Localiser(config, mission.start, base_from_laser, profiler)
         self._slam = self._localiser.slam
-        self._planner = WidthPlanner(config, mission.goal, rng)
+        self._pursuit = Pursuit(mission.goal)
+        self._planner = WidthPlanner(config, rng)
         self._tracker = Tracker(
             config.tracker, vehicle, safe, mission.goal, mission.goal_tolerance_m, period
         )
         self._drive = Drive(config.tracker, config.motor, config.encoder, vehicle, period)
         self._monitor = CollisionMonitor(config.tracker, vehicle, rates.lidar_s)
+        self._separation = Separation(config.tracker, vehicle, self._monitor)
         self._recovery = Recovery(config.tracker, self._monitor)
         self._watchdog = Watchdog(config.watchdog, rates, config.tracker)
         self._reach = Reachability(mission.goal_tolerance_m, vehicle.width_m)
+        self._pace_mps = config.tracker.max_speed_mps
         self._plan_ns = round(rates.plan_s * 1e9)
         self._plan: Plan | None = None
         self._pending: tuple[int, Plan, Smoother, WorldView] | None = None
         self._counts, self._sprocket_radps = StandingCounts(), np.zeros(2)
         self._planned_ns = self._path_ns = 0
-        self._driven = False
+        self._driven = self._yields = False
         self._unchecked: list[FloatArray] = []
         self._offsets = np.array(vehicle.footprint_offsets_m)
         self.said: list[Message] = []
@@ -112,13 +120,24 @@ class Robot:
         return self._localiser.gave_up
 
     def step(
-        self, encoders: EncoderReading, imu: ImuReading, scan: LidarScan | None
+        self,
+        encoders: EncoderReading,
+        imu: ImuReading,
+        scan: LidarScan | None,
+        goal: GoalReading | None = None,
     ) -> TrackCommand:
-        """Take one period's readings; answer with the command for the next period."""
+        """Take one period's readings; answer with the command for the next period.
+
+        goal: where it is now, if it moves and there is news of it.
+        """
         self.said.clear()
         localiser = self._localiser
         encoders = self._counts.believed(encoders, self._sprocket_radps)
         estimate = localiser.step(encoders, imu, scan, self._driven)
+        if goal is not None:
+            self._pursuit.hear(goal)
+        if self._pursuit.moves:
+            self._tracker.aim_at(self._pursuit.place(estimate.t_ns))
         self.said.extend(localiser.said)
         if localiser.jumped:
             self._begin_anew()
@@ -158,9 +177,20 @@ class Robot:
             return "frame"
         if new_scan and self._blocked(estimate):
             return "blocked"
+        if new_scan and self._met(estimate):
+            return "mover"
+        if new_scan and self._pursuit.strays(estimate.t_ns, estimate.pose, self._pace_mps):
+            return "goal"
         if self._tracker.path is None:
             return "recovered"
         return "stale" if self._watchdog.cause == OLD_PATH else ""
+
+    def _met(self, estimate: Estimate) -> bool:
+        """Whether something moves so near that a plan of a while ago may lead into its way."""
+        movers = self._localiser.movers
+        if movers is None or estimate.t_ns - self._planned_ns < _MOVERS_NS:
+            return False
+        return bool((np.hypot(*(movers.position_m - estimate.pose[:2]).T) < _MOVERS_M).any())
 
     def _blocked(self, estimate: Estimate) -> bool:
         """Whether what came into the map since the plan's view stands in the path's way."""
@@ -186,10 +216,13 @@ class Robot:
 
     def _replan(self, estimate: Estimate, reason: str) -> None:
         with self._time["slam"]:
-            view = self._slam.view(estimate.t_ns, self._mission.goal)
+            still = self._slam.view(estimate.t_ns, self._pursuit.place(estimate.t_ns))
             self._unchecked.clear()
         with self._time["planner"]:
-            plan, smoother, view = self._find_way(view, estimate.pose, reason)
+            pose, pace = estimate.pose, self._pace_mps
+            goal = self._pursuit.aim(still, pose, pace, self._config.planner.safe_distance_m)
+            view = foresee(still, self._localiser.movers, pose, pace)
+            plan, smoother, view = self._find_way(view, pose, goal, reason)
         self._planned_ns = estimate.t_ns
         self._pending = (estimate.t_ns + self._latency_ns(plan), plan, smoother, view)
         grid = self._slam
@@ -197,21 +230,24 @@ class Robot:
         self._say(
             MapUpdate(estimate.t_ns, grid.origin_m.copy(), grid.resolution_m, grid.log_odds.copy())
         )
-        if self._reach.look(view, estimate.pose, self._mission.goal, plan.safe):
+        # What moves may close a way off, and clears it again.
+        still_there = self._localiser.movers is None
+        if still_there and self._reach.look(still, pose, goal, plan.safe):
             text = "the goal cannot be reached: what is known closes it off"
             self._say(Event(plan.t_ns, "warning", text))
         if not plan.safe:
             self._say(Event(plan.t_ns, "warning", "no safe path found; going on with the best"))
 
     def _find_way(
-        self, view: WorldView, pose: FloatArray, reason: str
+        self, view: WorldView, pose: FloatArray, goal: FloatArray, reason: str
     ) -> tuple[Plan, Smoother, WorldView]:
-        """The plan from ``pose`` (3,), what smooths it, and the view that it was found in."""
-        plan, smoother = self._planner.plan(view, pose, self._plan, reason)
-        if plan.safe:
+        """The plan from ``pose`` (3,) to ``goal`` (2,), what smooths it, and the view that it was
+        found in."""
+        plan, smoother = self._planner.plan(view, pose, goal, self._plan, reason)
+        if plan.safe or view.movers is not None:  # what moves clears the way again
             return plan, smoother, view
         wider = opened(view)
-        other, its_smoother = self._planner.plan(wider, pose, self._plan, reason)
+        other, its_smoother = self._planner.plan(wider, pose, goal, self._plan, reason)
         spent = plan.evaluations + other.evaluations
         if other.safe:
             return replace(other, evaluations=spent), its_smoother, wider
@@ -253,7 +289,7 @@ class Robot:
         else:
             speed, rate, mode = tracker.velocity(estimate)
             mode = "wait" if watchdog.stops and mode in ("follow", "turn") else mode
-            if recovery.watch(estimate, mode in ("follow", "turn")):
+            if recovery.watch(estimate, mode in ("follow", "turn") and not self._yields):
                 self._planner.distrust_tight_gaps()
                 recovery.start(estimate, self._next_part(estimate.pose))
                 self._say(Event(estimate.t_ns, "warning", "stuck: backing off"))
@@ -261,8 +297,17 @@ class Robot:
         if (speed, rate) != asked:
             tracker.overrule(speed, rate)
         free_speed, free_rate = self._monitor.allow(speed, rate, estimate.pose)
+        free_speed, free_rate, manner = self._separation.allow(
+            free_speed,
+            free_rate,
+            estimate.pose,
+            self._localiser.movers,
+            estimate.t_ns,
+            not self.arrived,
+        )
+        self._yields = bool(manner)
         if (free_speed, free_rate) != (speed, rate):
-            mode = "held"
+            mode = manner or "held"
             tracker.overrule(free_speed, free_rate)
         return self._drive.command(
             (free_speed, free_rate, mode), estimate, encoders, health.belts_heard

@@ -28,6 +28,7 @@ from simloop.config import Config, Positive, TracksConfig, has_area, reject
 from simloop.errors import InputError, did_you_mean
 from simloop.faults import Fault
 from simloop.mapping.map_reader import load_map
+from simloop.movers.settings import Crowd, GoalMotion, Mover
 from simloop.obstacles import Coordinate, Obstacle, Point
 from simloop.terrain import MOST_ROUGH_STEP_S, Loose, Terrain
 from simloop.worlds.generator import Generator
@@ -73,13 +74,16 @@ class Scenario:
     may_be_closed_off: bool = False
     terrain: Terrain | None = None
     loose: tuple[Loose, ...] = ()
+    movers: tuple[Mover, ...] = ()
+    crowd: Crowd | None = None
+    goal_motion: GoalMotion | None = None
     faults: tuple[Fault, ...] = ()
     config: Config = Field(default_factory=Config)
 
     @property
     def drawn(self) -> bool:
         """Whether another seed is another world."""
-        return self.clutter is not None or self.generator is not None
+        return any(part is not None for part in (self.clutter, self.generator, self.crowd))
 
     @model_validator(mode="after")
     def _has_one_floor(self) -> Scenario:
@@ -91,6 +95,13 @@ class Scenario:
                 raise reject("bounds_m: only for the arena field, or for a Gazebo world")
             if not has_area(self.bounds_m[:2], self.bounds_m[2:]):
                 raise reject("bounds_m: x_min, y_min must be below x_max, y_max")
+        return self
+
+    @model_validator(mode="after")
+    def _goal_begins_in_place(self) -> Scenario:
+        motion = self.goal_motion
+        if motion is not None and motion.keys_txy and motion.keys_txy[0][1:] != self.goal:
+            raise reject("goal_motion.keys_txy: the first key must be at the scenario's goal")
         return self
 
     @model_validator(mode="after")

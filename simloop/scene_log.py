@@ -24,6 +24,8 @@ _LINES = {
     f"{MAP}/plan/chosen": ([160, 60, 168], 0.008),
     f"{MAP}/path": ([30, 106, 201], 0.015),
     f"{MAP}/obstacle_discs": ([235, 130, 40], 0.006),
+    f"{MAP}/movers": ([204, 82, 61], 0.012),
+    f"{MAP}/goal_told": ([40, 160, 70], 0.012),
     f"{MAP}/ellipse_95_x10": ([200, 40, 120], 0.006),
     f"{MAP}/trails/truth": ([60, 150, 80], 0.01),
     f"{MAP}/trails/belief": ([40, 44, 52], 0.006),

@@ -10,6 +10,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simloop.config import SlamConfig, VehicleConfig
 from simloop.ekf_model import inverse_3
@@ -18,6 +19,7 @@ from simloop.mapping.map_reader import load_map
 from simloop.messages import FloatArray, LidarScan, PoseFix, WorldView
 from simloop.obstacle_discs import discs_of
 from simloop.scan_match import deskew
+from simloop.se2 import transform_points
 
 _FIRST_POINTS = 10  # a scan with fewer hits is not matched
 _NEXT_TO_NOTHING = 1e-3 * np.eye(3)  # information where a match has none at all
@@ -41,9 +43,14 @@ class GridSlam:
         self.new_share = 0.0
         self._scan_t_ns = -1
         self.points_m = np.empty((0, 2))
-        self._origins = np.empty((0, 2))
+        self._matched = self._origins = np.empty((0, 2))
         self._window = np.array([config.search_xy_m, config.search_yaw_rad])
         self._floor = np.diag(np.square([config.match_std_xy_m] * 2 + [config.match_std_yaw_rad]))
+
+    @property
+    def matched(self) -> int:
+        """How many points of the last scan were held against the map."""
+        return len(self._matched)
 
     @property
     def origin_m(self) -> FloatArray:
@@ -67,25 +74,32 @@ class GridSlam:
         trail: FloatArray,
         prior_pose: FloatArray,
         prior_covariance: FloatArray,
+        moving: FloatArray | None = None,
     ) -> PoseFix:
         """Where the scan fits the map: pose of base_link at the scan's end.
 
         trail_t_ns (k,), trail (k, 3): the estimator's poses over the sweep, oldest first.
         prior_pose (3,), prior_covariance (3, 3): its belief at the scan's end. ``ok`` is False on
-        an empty map, with too few hits, or where the scan does not fit.
+        an empty map, with too few hits, or where the scan does not fit. moving: (n, 3) discs in
+        map, x, y, radius, of what moves: its points are not the map's, and tell nothing.
         """
         self._take(scan, trail_t_ns, trail)
         prior = np.array(prior_pose, np.float64)
-        if self.grid.scans == 0 or len(self.points_m) < _FIRST_POINTS:
+        self._matched = self.points_m
+        if moving is not None:
+            placed = transform_points(prior, self.points_m)[:, None]
+            apart = np.hypot(*np.moveaxis(placed - moving[:, :2], -1, 0)) - moving[:, 2]
+            self._matched = np.ascontiguousarray(self.points_m[(apart > 0.0).all(axis=1)])
+        if self.grid.scans == 0 or len(self._matched) < _FIRST_POINTS:
             return PoseFix(scan.t_ns, prior, np.array(prior_covariance), 0.0, False)
         # The belief is mostly so good that the refinement's basin holds the answer; where it
         # is not, or the refined pose does not fit, the whole window is searched.
         unsure = math.sqrt(max(prior_covariance[0, 0], prior_covariance[1, 1])) > 0.5 * (
             self.resolution_m
         )
-        found = None if unsure else self.grid.refine(self.points_m, prior)
+        found = None if unsure else self.grid.refine(self._matched, prior)
         if found is None or not self._fits(*found[2:]):
-            again = self.grid.refine(self.points_m, self._search(prior))
+            again = self.grid.refine(self._matched, self._search(prior))
             if found is None or again[2] > found[2]:
                 found = again
         pose, information, share, residual = found
@@ -93,8 +107,12 @@ class GridSlam:
         covariance = self._covariance(information, residual) if ok else np.array(prior_covariance)
         return PoseFix(scan.t_ns, pose, covariance, share, ok)
 
-    def insert(self, scan: LidarScan, pose: FloatArray) -> None:
+    def insert(
+        self, scan: LidarScan, pose: FloatArray, moving: NDArray[np.bool_] | None = None
+    ) -> None:
         """Enter a scan that ended at ``pose`` (3,); the trail is that of its match.
+
+        moving: (n,) which of ``points_m`` lie on what moves, and are left out.
 
         ``new_surfaces_m`` (k, 2) then holds where, in map, cells became occupied by it, and
         ``new_share`` their share of all cells in which its beams ended.
@@ -102,8 +120,11 @@ class GridSlam:
         if scan.t_ns != self._scan_t_ns:
             self._take(scan, np.array([scan.t_ns], np.int64), np.array([pose], np.float64))
         if self._config.extend_map:
+            points, origins = self.points_m, self._origins
+            if moving is not None:
+                points, origins = points[~moving], origins[~moving]
             self.new_surfaces_m, self.new_share = self.grid.insert(
-                self.points_m, self._origins, np.array(pose, np.float64)
+                points, origins, np.array(pose, np.float64)
             )
 
     def view(self, t_ns: int, goal: FloatArray) -> WorldView:
@@ -133,7 +154,7 @@ class GridSlam:
         self._scan_t_ns = scan.t_ns
 
     def _search(self, prior: FloatArray) -> FloatArray:
-        points = self.points_m[:: max(1, len(self.points_m) // self._config.search_points)]
+        points = self._matched[:: max(1, len(self._matched) // self._config.search_points)]
         weights = _EDGE_PENALTY / self._window**2
         return self.grid.search(np.ascontiguousarray(points), prior, self._window, weights)[0]
 

@@ -25,6 +25,7 @@ from simloop.config import VehicleConfig
 from simloop.messages import (
     Estimate,
     FloatArray,
+    GoalReading,
     LidarScan,
     LooseTruth,
     MapUpdate,
@@ -90,7 +91,7 @@ class Snapshots:
         self._take: dict[type, Callable[[Any], None]] = {Truth: self._on_truth}
         for kind in (MapUpdate, WorldView, Plan, SmoothPath, TrackCommand, LidarScan, Estimate):
             self._take[kind] = self._keep
-        self._take[LooseTruth] = self._keep
+        self._take[LooseTruth] = self._take[GoalReading] = self._keep
 
     def offer(self, message: Message) -> None:
         """Take one message; those of no use here are passed over."""
@@ -137,12 +138,13 @@ class Snapshots:
     def _moment(self) -> _Moment:
         known, truth = self._latest, self._latest[Truth]
         estimate, command = known.get(Estimate), known.get(TrackCommand)
+        told = known.get(GoalReading)
         pose = truth.pose_xyyaw if estimate is None else estimate.pose
         self._truths.append(truth.position_m)
         self._estimates.append(pose[:2])
         belief = Belief(
             pose,
-            self._goal,
+            self._goal if told is None else told.position_m,
             np.array(self._estimates),
             known.get(MapUpdate),
             known.get(WorldView),
@@ -170,7 +172,7 @@ class Snapshots:
                 trail = np.array(self._truths)
                 scenes = [
                     stage.shoot(
-                        m.truth, m.belief.path, trail[: m.trail_length], self._goal, m.loose
+                        m.truth, m.belief.path, trail[: m.trail_length], m.belief.goal, m.loose
                     )
                     for m in chosen
                 ]
@@ -190,7 +192,7 @@ class Snapshots:
         tile = np.full((_INSET_PX + 2 * _MARGIN_PX, _SCENE_PX[0], 3), PAPER, np.uint8)
         tile[_MARGIN_PX:-_MARGIN_PX, _MARGIN_PX : _MARGIN_PX + _INSET_PX] = inset
         truth, left = moment.truth, _INSET_PX + 3 * _MARGIN_PX
-        to_go = float(np.hypot(*(truth.pose_xyyaw[:2] - self._goal)))
+        to_go = float(np.hypot(*(truth.pose_xyyaw[:2] - moment.belief.goal)))
         write_text(tile, f"{truth.t_ns * 1e-9:.1f} s", (left, 66), 2.0)
         write_text(tile, f"{to_go:.2f} m to go", (left, 124), 1.25)
         small = [f"{abs(truth.velocity_body[0]):.2f} m/s", moment.mode.replace("_", " ")]
@@ -291,7 +293,12 @@ class _Stage:
         return np.ascontiguousarray(image[::-1, :, ::-1])
 
     def _place(self, body: str, position_m: FloatArray, quaternion_wxyz: FloatArray) -> None:
-        """Set the free joint of a body."""
+        """Set the pose of a body that is free, or moved from outside."""
+        mocap = self._model.body(body).mocapid[0]
+        if mocap >= 0:
+            self._data.mocap_pos[mocap] = position_m
+            self._data.mocap_quat[mocap] = quaternion_wxyz
+            return
         joint = self._model.body(body).jntadr[0]
         at = self._model.jnt_qposadr[joint]
         self._data.qpos[at : at + 3] = position_m

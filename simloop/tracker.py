@@ -243,6 +243,10 @@ class Tracker:
         self.arrived = False
         self.turning = self.reverses = False
 
+    def aim_at(self, goal: FloatArray) -> None:
+        """The goal (2,) is there now."""
+        self._goal = (float(goal[0]), float(goal[1]))
+
     @property
     def path(self) -> SmoothPath | None:
         """The path that is being followed."""

@@ -34,8 +34,8 @@ class _Width:
 class WidthPlanner:
     """Plans at the safety distance, and at another where that is promising."""
 
-    def __init__(self, config: Config, goal: FloatArray, rng: np.random.Generator) -> None:
-        self._config, self._goal, self._rng = config.planner, goal, rng
+    def __init__(self, config: Config, rng: np.random.Generator) -> None:
+        self._config, self._rng = config.planner, rng
         safe = config.planner.safe_distance_m
         self._squeezes = config.planner.squeeze_m > 0.0
         self._usual = _Width(config, safe)
@@ -47,22 +47,27 @@ class WidthPlanner:
         self._squeezes = False
 
     def plan(
-        self, view: WorldView, pose: FloatArray, previous: Plan | None, reason: str
+        self,
+        view: WorldView,
+        pose: FloatArray,
+        goal: FloatArray,
+        previous: Plan | None,
+        reason: str,
     ) -> tuple[Plan, Smoother]:
-        """The plan from ``pose`` (3,) in map, and the smoother that goes with it. The plan's
+        """The plan from ``pose`` (3,) to ``goal`` (2,), both in map, and the smoother that goes with it. The plan's
         evaluations are those of all that was tried."""
         spent = 0
 
         def plan_with(width: _Width) -> Plan:
             nonlocal spent
             found = width.planner.plan(
-                view, pose, self._goal, self._rng, previous=previous, reason=reason
+                view, pose, goal, self._rng, previous=previous, reason=reason
             )
             spent += found.evaluations
             return found
 
         config, plan = self._config, plan_with(self._usual)
-        hoped = math.dist(pose[:2], self._goal) if previous is None else left_of(previous, pose)
+        hoped = math.dist(pose[:2], goal) if previous is None else left_of(previous, pose)
         if not plan.safe or plan.length_m > hoped + _LONG_WAY_ROUND_M:
             if self._squeezes:
                 tight = plan_with(self._tight)

@@ -19,6 +19,8 @@ from simloop.errors import InputError
 from simloop.floor_plan import FloorPlan
 from simloop.footprint import least_clearance
 from simloop.messages import FloatArray
+from simloop.movers.draw import draw_crowd
+from simloop.movers.settings import Mover
 from simloop.obstacles import Obstacle
 from simloop.scenario import Scenario
 from simloop.tracks import friction_map
@@ -34,15 +36,18 @@ _LEAST_HALF_WIDTH = 0.45
 """Of the robot's width: no way that is narrower than nine tenths of it is worth a try."""
 _WORLD_STREAM = 0x3D
 _CLUTTER_STREAM = 0xC1
+_CROWD_STREAM = 0xC2
 """Marks the draw of the room off from all the generators that the stages get from the seed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class World:
-    """model: the arena with the vehicle and all obstacles, compiled. floor: what truly stands."""
+    """model: the arena with the vehicle and all obstacles, compiled. floor: what truly stands.
+    movers: what moves, in the order of the model's mocap bodies."""
 
     model: MjModel
     floor: FloorPlan
+    movers: tuple[Mover, ...] = ()
 
 
 def build_world(scenario: Scenario) -> World:
@@ -65,6 +70,12 @@ def build_world(scenario: Scenario) -> World:
             )
             model = _build(scenario, obstacles, layout)
         floor = floor_plan(model)
+        movers = scenario.movers
+        if scenario.crowd is not None:
+            rng = np.random.default_rng([scenario.seed, _CROWD_STREAM])
+            movers += draw_crowd(scenario.crowd, floor, scenario.start, rng)
+        if movers:
+            model = _build(scenario, obstacles, layout, movers)
         friction_map(tracks.zones, tracks.friction_image)
     except ValueError as error:
         # The ends are the likelier culprits, and what is wrong with them is easier to act on.
@@ -73,7 +84,7 @@ def build_world(scenario: Scenario) -> World:
     check_ends(scenario, floor, where)
     for first, second in overlaps(model, scenario.start):
         raise InputError(f"{where}: {first} and {second} begin inside one another")
-    return World(model, floor)
+    return World(model, floor, movers)
 
 
 def layout_of(scenario: Scenario) -> Layout | None:
@@ -92,7 +103,12 @@ def layout_of(scenario: Scenario) -> Layout | None:
     return None if scenario.bounds_m is None else Layout(scenario.bounds_m, ())
 
 
-def _build(scenario: Scenario, obstacles: Sequence[Obstacle], layout: Layout | None) -> MjModel:
+def _build(
+    scenario: Scenario,
+    obstacles: Sequence[Obstacle],
+    layout: Layout | None,
+    movers: Sequence[Mover] = (),
+) -> MjModel:
     config = scenario.config
     return build(
         "field" if layout else scenario.arena,
@@ -103,6 +119,7 @@ def _build(scenario: Scenario, obstacles: Sequence[Obstacle], layout: Layout | N
         scenario.loose,
         config.tracks.friction,
         layout.bounds_m if layout else None,
+        movers,
     )
 
 

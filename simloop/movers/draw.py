@@ -1,0 +1,97 @@
+"""A crowd drawn from a seed: who starts where, how fast, towards what."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from simloop.floor_plan import FloorPlan
+from simloop.messages import FloatArray
+from simloop.movers.settings import Crowd, Mover
+
+_TRIALS = 500
+_APART_M = 0.1
+_CORNERS = 4  # of a path that is walked round and round
+
+
+def draw_crowd(
+    crowd: Crowd, floor: FloorPlan, start: Sequence[float], rng: np.random.Generator
+) -> tuple[Mover, ...]:
+    """The movers, none of them in a wall, in one another or near the robot's start (2+).
+
+    Raises ValueError where there is no room for so many.
+    """
+    drawn: list[Mover] = []
+    for number in range(crowd.count):
+        radius = 0.5 * float(rng.uniform(*crowd.diameter_m))
+        place = _place(crowd, floor, start, drawn, radius, rng)
+        speed, heading = float(rng.uniform(*crowd.speed_mps)), float(rng.uniform(-math.pi, math.pi))
+        motion = crowd.motions[number % len(crowd.motions)]
+        keys = _round_trip(floor, place, radius, speed, rng) if motion == "path" else ()
+        drawn.append(
+            Mover(
+                motion=motion,
+                position_m=None if keys else (float(place[0]), float(place[1])),
+                keys_txy=keys,
+                speed_mps=speed,
+                heading_rad=heading,
+                diameter_m=2.0 * radius,
+                height_m=crowd.height_m,
+            )
+        )
+    return tuple(drawn)
+
+
+def _place(
+    crowd: Crowd,
+    floor: FloorPlan,
+    start: Sequence[float],
+    drawn: Sequence[Mover],
+    radius: float,
+    rng: np.random.Generator,
+) -> FloatArray:
+    for _ in range(_TRIALS):
+        place = rng.uniform(floor.bounds_m[:2], floor.bounds_m[2:])
+        if (
+            _room(floor, place) > radius + _APART_M
+            and math.dist(place, start[:2]) > radius + crowd.apart_m
+            and all(
+                math.dist(place, other.start_m) > radius + 0.5 * other.diameter_m + _APART_M
+                for other in drawn
+            )
+        ):
+            return place
+    raise ValueError(f"crowd: found no place for {crowd.count} movers: ask for fewer")
+
+
+def _round_trip(
+    floor: FloorPlan, place: FloatArray, radius: float, speed: float, rng: np.random.Generator
+) -> tuple[tuple[float, float, float], ...]:
+    """Keys (t, x, y) of a walk over a few corners and back, clear of what stands."""
+    corners = [place]
+    for _ in range(_TRIALS):
+        if len(corners) == _CORNERS:
+            break
+        corner = rng.uniform(floor.bounds_m[:2], floor.bounds_m[2:])
+        if _clear(floor, corners[-1], corner, radius) and _clear(floor, corner, place, radius):
+            corners.append(corner)
+    corners += [place]
+    keys, t = [(0.0, float(place[0]), float(place[1]))], 0.0
+    for a, b in zip(corners, corners[1:], strict=False):
+        t += max(math.dist(a, b) / max(speed, 0.01), 0.01)
+        keys.append((t, float(b[0]), float(b[1])))
+    return tuple(keys)
+
+
+def _clear(floor: FloorPlan, a: FloatArray, b: FloatArray, radius: float) -> bool:
+    share = np.linspace(0.0, 1.0, 2 + int(math.dist(a, b) / 0.05))[:, None]
+    line = a + share * (b - a)
+    sides = np.minimum(line - floor.bounds_m[:2], floor.bounds_m[2:] - line).min()
+    return bool(min(floor.clearance_m(line).min(), sides) > radius + _APART_M)
+
+
+def _room(floor: FloorPlan, place: FloatArray) -> float:
+    sides = np.minimum(place - floor.bounds_m[:2], floor.bounds_m[2:] - place).min()
+    return float(min(floor.clearance_m(place)[0], sides))
