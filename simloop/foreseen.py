@@ -68,7 +68,10 @@ def foresee(
     distance = view.distance_m.copy()
     put_discs(distance, *view.origin_m.tolist(), view.resolution_m, found)
     return replace(
-        view, distance_m=distance, discs_xyr_m=np.concatenate((view.discs_xyr_m, found)), movers=tracks
+        view,
+        distance_m=distance,
+        discs_xyr_m=np.concatenate((view.discs_xyr_m, found)),
+        movers=tracks,
     )
 
 

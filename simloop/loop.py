@@ -140,7 +140,7 @@ class Simulation:
     def _move_all(self, truth: Truth) -> GoalReading | None:
         """Send the movers and the goal on their way; what the robot is told of the goal."""
         if self._crowd is not None:
-            self.plant.move(self._crowd.step(truth.pose_xyyaw))
+            self.plant.move(self._crowd.step(truth.pose_xyyaw, truth.in_contact))
         if self._moving_goal is None:
             return None
         self._goal = self._moving_goal.step()

@@ -76,7 +76,7 @@ def stays_clear(
         first = gap_after(pose, 0.0, 0.0, 0.0, movers[k], half) - margin
         if first < 0.0 and _comes(movers[k], pose):
             return False
-        for step in range(1, int(math.ceil(until / _STEP_S)) + 1):
+        for step in range(1, math.ceil(until / _STEP_S) + 1):
             t = min(step * _STEP_S, until)
             slowed = max(0.0, t - reaction)
             gone = t - (0.5 * slowed * slowed / braking if braking > 0.0 else 0.0)
@@ -97,8 +97,8 @@ def safe_part(
 ) -> float:
     """The greatest of a few parts, 0 to 1, of a velocity, m/s and rad/s, that is safe at ``pose``.
 
-    movers: (n, 7) x, y, vx, vy in map, radius, by how much it grows and its pace, m/s. limits: (6,) reaction,
-    s, decelerations, m/s^2 and rad/s^2, half the footprint's length and width, margin, m.
+    movers: (n, 7) x, y, vx, vy in map, radius, by how much it grows and its pace, m/s. limits: (6,)
+    reaction, s, decelerations, m/s^2 and rad/s^2, half the footprint's length and width, margin, m.
     """
     for part in _PARTS:
         if stays_clear(pose, part * speed, part * rate, movers, limits):
@@ -113,7 +113,7 @@ def least_gap(
     """m, the least to come between the footprint and any mover as it is foreseen, over ``until`` s
     of an arc at (speed, rate)."""
     least = np.inf
-    steps = int(math.ceil(until / _LOOK_S))
+    steps = math.ceil(until / _LOOK_S)
     for k in range(movers.shape[0]):
         for step in range(steps + 1):
             t = step * _LOOK_S
@@ -167,10 +167,8 @@ class Separation:
         moves = speed != 0.0 or rate != 0.0
         return speed * part, rate * part, "yield" if moves and part < 1.0 else ""
 
-    def _aside(
-        self, pose: FloatArray, movers: FloatArray, t_ns: int
-    ) -> tuple[float, float] | None:
-        """A velocity that leads out of the way of what is coming; None where to stand is as good."""
+    def _aside(self, pose: FloatArray, movers: FloatArray, t_ns: int) -> tuple[float, float] | None:
+        """A velocity out of the way of what is coming; None where to stand is as good."""
         half = self._limits[3:5]
         stood = least_gap(pose, 0.0, 0.0, movers, half, _FORESEEN_S)
         if stood > _THREAT_M:
@@ -192,7 +190,7 @@ class Separation:
 
 
 def discs_at(tracks: MoverTracks, t_ns: int) -> FloatArray:
-    """(n, 7) x, y, vx, vy, radius, growth, pace of the tracks at an instant, as ``safe_part`` has it."""
+    """(n, 7) of the tracks at an instant, as ``safe_part`` has them."""
     age_s = 1e-9 * (t_ns - tracks.t_ns)
     pace = np.hypot(*tracks.velocity_mps.T)
     grows = _GROWS_MPS + _GROWS_SHARE * pace

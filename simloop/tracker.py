@@ -223,6 +223,7 @@ class Tracker:
     ) -> None:
         self._config, self._vehicle, self._safe = config, vehicle, safe_distance_m
         self._goal = (float(goal[0]), float(goal[1]))
+        self._tolerance_m = goal_tolerance_m
         self._arrive_m = max(0.5 * goal_tolerance_m, goal_tolerance_m - config.goal_margin_m)
         self._law = TrackingLaw(
             max_rate=config.max_yaw_rate_radps,
@@ -244,7 +245,8 @@ class Tracker:
         self.turning = self.reverses = False
 
     def aim_at(self, goal: FloatArray) -> None:
-        """The goal (2,) is there now."""
+        """The goal (2,) is there now; it moves, so that to be near is not to stay near."""
+        self._arrive_m = 0.5 * self._tolerance_m
         self._goal = (float(goal[0]), float(goal[1]))
 
     @property

@@ -54,8 +54,8 @@ class WidthPlanner:
         previous: Plan | None,
         reason: str,
     ) -> tuple[Plan, Smoother]:
-        """The plan from ``pose`` (3,) to ``goal`` (2,), both in map, and the smoother that goes with it. The plan's
-        evaluations are those of all that was tried."""
+        """The plan from ``pose`` (3,) to ``goal`` (2,), both in map, and the smoother that goes
+        with it. The plan's evaluations are those of all that was tried."""
         spent = 0
 
         def plan_with(width: _Width) -> Plan:

@@ -160,8 +160,9 @@ def nearest(floor: FloorPlan, point: FloatArray) -> tuple[float, str]:
 
 def _check_bounds(scenario: Scenario, where: str) -> None:
     """Outside the arena's bounds, as far as they can be known without its floor plan."""
+    sized = scenario.generator or scenario
     try:
-        bounds = bounds_of(build(scenario.arena))
+        bounds = np.array(sized.bounds_m or bounds_of(build(scenario.arena)))
     except ValueError:
         return
     for key, point in (("start", scenario.start), ("goal", scenario.goal)):

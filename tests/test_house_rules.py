@@ -42,6 +42,8 @@ TRUTH = {
     "health_account",
     "shortest",
     "footprint",
+    "crowd",
+    "motion",
 }
 CLOCK = {
     "loop",
@@ -109,6 +111,7 @@ def test_the_robot_takes_sensor_messages_only():
         "EncoderReading",
         "ImuReading",
         "LidarScan | None",
+        "GoalReading | None",
     ]
 
 

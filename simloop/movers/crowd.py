@@ -18,7 +18,6 @@ from simloop.movers.motion import (
     CONSTANT,
     PATH,
     PEDESTRIAN,
-    TOUCH_M,
     WALK,
     Floor,
     Herd,
@@ -31,6 +30,7 @@ from simloop.se2 import wrap_angle
 
 _KINDS = {"path": PATH, "constant": CONSTANT, "walk": WALK, "pedestrian": PEDESTRIAN}
 _FAR_M = 1e6
+_NEAR_M, _DEEP_M = 0.01, 0.06  # of the outline: who is this near has touched it; most there is
 _BACK_S, _WAIT_S = 0.5, 2.0  # after a touch
 _NOBODY = Outline(_FAR_M, _FAR_M, 0.0, 0.0, 0.0)
 
@@ -64,13 +64,14 @@ class Crowd:
         """(n, 2) where they are, m."""
         return self._herd.place
 
-    def step(self, pose: FloatArray | None) -> FloatArray:
+    def step(self, pose: FloatArray | None, touched: bool = False) -> FloatArray:
         """Where they are, (n, 2), one control period later.
 
-        pose: (3,) the robot's true one now; None if they are not to feel it.
+        pose: (3,) the robot's true one now; None if they are not to feel it. touched: whether
+        something touches the robot now.
         """
         herd = self._herd
-        robot = _NOBODY if pose is None else Outline(*pose.tolist(), *self._half)
+        robot = _NOBODY if pose is None else Outline(pose[0], pose[1], pose[2], *self._half, -_NEAR_M if touched else _DEEP_M)
         count = len(herd.kind)
         normal, uniform = self._rng.standard_normal(count), self._rng.random((count, 2))
         advance(herd, self._floor, robot, normal, uniform, self._period_s)
@@ -93,7 +94,7 @@ class _Path:
     def go_on(self, place: FloatArray, robot: Outline, period_s: float) -> None:
         """Put a place (2,) where the mover is a period later."""
         gap = gap_to_outline(robot, *place.tolist())[0] - self.radius_m
-        if gap < -TOUCH_M and not self.pushes and self.rest_s <= 0.0:
+        if gap < -robot.depth and not self.pushes and self.rest_s <= 0.0:
             self.rest_s = _BACK_S + _WAIT_S
         if self.rest_s <= 0.0:
             self.clock_s += period_s

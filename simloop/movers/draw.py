@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -79,7 +80,7 @@ def _round_trip(
             corners.append(corner)
     corners += [place]
     keys, t = [(0.0, float(place[0]), float(place[1]))], 0.0
-    for a, b in zip(corners, corners[1:], strict=False):
+    for a, b in pairwise(corners):
         t += max(math.dist(a, b) / max(speed, 0.01), 0.01)
         keys.append((t, float(b[0]), float(b[1])))
     return tuple(keys)

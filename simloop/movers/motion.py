@@ -22,8 +22,6 @@ _FALL_M = 0.25  # over which it falls to 1/e
 _FELT_M = 2.0
 _THERE_M = 0.3
 _TIRED_S = 15.0  # after which another place is wanted
-TOUCH_M = 1e-3
-"""How far a mover goes into the robot before it feels it: so that the referee sees a touch."""
 
 
 class Herd(NamedTuple):
@@ -52,13 +50,17 @@ class Floor(NamedTuple):
 
 
 class Outline(NamedTuple):
-    """The robot's rectangle, with which movers collide: pose in map, half its length and width."""
+    """The robot's rectangle, with which movers collide: pose in map, half its length and width.
+
+    depth: how far into it a mover is that has touched the robot, whose front between the tracks
+    lies some centimetres behind the rectangle's."""
 
     x: float
     y: float
     yaw: float
     half_length: float
     half_width: float
+    depth: float = 0.0
 
 
 @njit(cache=True)
@@ -124,7 +126,9 @@ def _push(force: FloatArray, gap: float, nx: float, ny: float) -> None:
 
 
 @njit(cache=True)
-def _walk_on(herd: Herd, i: int, floor: Floor, robot: Outline, force: FloatArray, dt: float) -> None:
+def _walk_on(
+    herd: Herd, i: int, floor: Floor, robot: Outline, force: FloatArray, dt: float
+) -> None:
     """A pedestrian's velocity after ``dt``: drawn to its aim, pushed by what is near."""
     place, velocity = herd.place[i], herd.velocity[i]
     dx, dy = herd.aim[i, 0] - place[0], herd.aim[i, 1] - place[1]
@@ -161,7 +165,7 @@ def _collide(herd: Herd, i: int, floor: Floor, robot: Outline) -> None:
         if k != i and 1e-9 < apart < radius + herd.radius[k]:
             _throw_back(velocity, ox / apart, oy / apart)
     gap, nx, ny = gap_to_outline(robot, place[0], place[1])
-    if gap < radius - TOUCH_M:  # they have touched, and the referee has seen it
+    if gap < radius - robot.depth:  # they have touched, and the referee has seen it
         _throw_back(velocity, nx, ny)
 
 

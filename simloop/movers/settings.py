@@ -32,8 +32,9 @@ class Mover:
     """An upright cylinder that goes its own way, and is stopped by nothing but what is said here.
 
     path: along keys_txy (t s, x m, y m), straight between them, over and over, through whatever is
-    there; having touched the robot it steps back and waits, or, if it ``pushes``, goes on. constant: straight on at speed_mps towards heading_rad, thrown back by all
-    that it touches. walk: the same, its heading a random walk of turn_rad a square root of a
+    there; having touched the robot it steps back and waits, or, if it ``pushes``, goes on.
+    constant: straight on at speed_mps towards heading_rad, thrown back by all that it touches.
+    walk: the same, its heading a random walk of turn_rad a square root of a
     second. pedestrian: to places drawn at random, at speed_mps or less, keeping clear of walls,
     of one another and of the robot (the social force of Helbing & Molnar 1995).
     """
