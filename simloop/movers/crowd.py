@@ -71,7 +71,8 @@ class Crowd:
         something touches the robot now.
         """
         herd = self._herd
-        robot = _NOBODY if pose is None else Outline(pose[0], pose[1], pose[2], *self._half, -_NEAR_M if touched else _DEEP_M)
+        depth = -_NEAR_M if touched else _DEEP_M
+        robot = _NOBODY if pose is None else Outline(pose[0], pose[1], pose[2], *self._half, depth)
         count = len(herd.kind)
         normal, uniform = self._rng.standard_normal(count), self._rng.random((count, 2))
         advance(herd, self._floor, robot, normal, uniform, self._period_s)
