@@ -150,7 +150,7 @@ def test_a_mover_stands_in_the_planners_world_where_it_will_be_met():
     row, column = np.unravel_index(int(seen.distance_m.argmin()), seen.distance_m.shape)
     x, y = -2.0 + 0.05 * (column + 0.5), -2.0 + 0.05 * (row + 0.5)
     assert seen.movers is crossing
-    assert -0.4 < y < 0.6
+    assert -0.5 < y < 0.6
     # |(1, -1 + 0.4 t)| = 0.4 t at t = 2.5: at (1, 0), and a little about it.
     assert x == pytest.approx(1.0, abs=0.35)
     nearest = seen.distance_m[40, 60]
@@ -228,7 +228,7 @@ def test_a_goal_is_met_where_it_will_be():
     now = replace(view, t_ns=40 * SCAN_NS)
     aim = pursuit.aim(now, pose, 0.45, 0.26)
     when = meeting_time(np.array([1.0, 0.0]), np.array([0.0, 0.2]), pose, 0.8 * 0.45)
-    assert aim == pytest.approx([1.0, 0.2 * when], abs=0.05)
+    assert aim == pytest.approx([1.0, 0.2 * min(when, 3.0)], abs=0.02)
     walled = replace(now, distance_m=np.zeros((80, 80), np.float32))
     assert pursuit.aim(walled, pose, 0.45, 0.26) == pytest.approx([1.0, 0.0], abs=0.03)
     assert pursuit.strays(45 * SCAN_NS, pose, 0.45)
