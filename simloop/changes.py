@@ -27,13 +27,19 @@ _FAR_M = 7.0  # beyond, things fall between the beams
 
 
 @njit(cache=True)
+def _bin(dx: float, dy: float) -> int:
+    """The number of the direction of (dx, dy)."""
+    return int((math.atan2(dy, dx) / (2.0 * math.pi) + 0.5) * _BINS) % _BINS
+
+
+@njit(cache=True)
 def reaches(points: FloatArray, centre: FloatArray) -> FloatArray:
     """(bins,) m from ``centre`` (2,) to the nearest of points (n, 2) in each direction; inf where
     there is none: nothing is known there."""
     out = np.full(_BINS, np.inf)
     for i in range(points.shape[0]):
         dx, dy = points[i, 0] - centre[0], points[i, 1] - centre[1]
-        bearing = int((math.atan2(dy, dx) / (2.0 * math.pi) + 0.5) * _BINS) % _BINS
+        bearing = _bin(dx, dy)
         out[bearing] = min(out[bearing], math.hypot(dx, dy))
     return out
 
@@ -48,7 +54,7 @@ def seen_through(
         far = math.hypot(dx, dy)
         if moved[i] or far > _FAR_M:
             continue
-        bearing = int((math.atan2(dy, dx) / (2.0 * math.pi) + 0.5) * _BINS)
+        bearing = _bin(dx, dy)
         least, known = np.inf, 0
         window = _WINDOW + int(_WANDERS_M / max(far, 0.05) * _BINS / (2.0 * math.pi))
         for k in range(-window, window + 1):

@@ -46,7 +46,7 @@ def draw_clutter(
     walls = np.array(bounds, dtype=np.float64)
     passage_m = max(d_safe, vehicle.footprint_radius_m) + _SLACK_M
     turning_m = math.hypot(0.5 * vehicle.length_m, 0.5 * vehicle.width_m) + _TURNING_ROOM_M
-    if np.any(_to_walls(ends, walls) < passage_m):
+    if np.any(to_walls(ends, walls) < passage_m):
         raise ValueError(f"start and goal must be at least {passage_m:.2f} m inside the walls")
     if math.dist(*ends) < 2.0 * turning_m:
         raise ValueError("start and goal are so near that nothing drawn could stand between them")
@@ -84,7 +84,7 @@ def is_passable(plan: FloorPlan, start: FloatArray, goal: FloatArray, radius_m: 
     x = plan.origin_m[0] + (np.arange(columns) + 0.5) * plan.resolution_m
     y = plan.origin_m[1] + (np.arange(rows) + 0.5) * plan.resolution_m
     centres = np.stack(np.meshgrid(x, y), axis=-1)
-    clearance = np.minimum(plan.distance_m, _to_walls(centres, plan.bounds_m))
+    clearance = np.minimum(plan.distance_m, to_walls(centres, plan.bounds_m))
     free = clearance > radius_m + 0.5 * plan.resolution_m
     labels = np.asarray(ndimage.label(free)[0])
     cells = ((np.array([start, goal]) - plan.origin_m) / plan.resolution_m).astype(int)
@@ -94,7 +94,7 @@ def is_passable(plan: FloorPlan, start: FloatArray, goal: FloatArray, radius_m: 
     return bool(first == last and first != 0)
 
 
-def _to_walls(points: FloatArray, bounds: FloatArray) -> FloatArray:
+def to_walls(points: FloatArray, bounds: FloatArray) -> FloatArray:
     """(...,) distance of points (..., 2) to the nearest side of the bounds, negative outside."""
     return np.minimum(points - bounds[:2], bounds[2:] - points).min(axis=-1)
 
@@ -114,7 +114,7 @@ def _draw_room(
         item = draw_obstacle(rng, rng.uniform(walls[:2], walls[2:]))
         alone = rasterise(item.sections(), walls, resolution_m=float(np.max(walls[2:] - walls[:2])))
         if np.any(alone.clearance_m(ends) < turning_m) or np.any(
-            _to_walls(_outline(item), walls) < _APART_M
+            to_walls(_outline(item), walls) < _APART_M
         ):
             continue
         if there.sections and np.any(there.clearance_m(_outline(item)) < _APART_M):

@@ -49,11 +49,9 @@ def foresee(
     if tracks is None or view.distance_m.size == 0:
         return view
     discs: list[tuple[float, float, float]] = []
-    age_s = 1e-9 * (view.t_ns - tracks.t_ns)
-    for place, velocity, radius in zip(
-        tracks.position_m, tracks.velocity_mps, tracks.radius_m, strict=True
+    for here, velocity, radius in zip(
+        tracks.places_at(view.t_ns), tracks.velocity_mps, tracks.radius_m, strict=True
     ):
-        here = place + age_s * velocity
         when = meeting_time(here, velocity, start, speed_mps)
         if when is None or when > _FORESEEN_S:
             continue

@@ -103,12 +103,7 @@ class Localiser:
         with self._time["ekf"]:
             estimate = self._advance(encoders, imu, driven)
         if scan is not None:
-            before = self.slam.points_m
             estimate = self._localise(scan, estimate)
-            belief = self.ekf.belief_at(scan.t_ns)
-            # A scan that is too old, or comes out of turn, leaves the points of another.
-            if belief is not None and self.slam.points_m is not before:
-                self.seen_from = belief[0]
         with self._time["ekf"]:
             self.said.append(self._reckoning.frames(estimate))
             changed = self.health.review(estimate.t_ns)
@@ -162,6 +157,7 @@ class Localiser:
             return estimate
         with self._time["slam"]:
             fix = self._match(scan, *belief)
+        self.seen_from = belief[0]
         seen = self.slam.matched >= _LEAST_POINTS
         self.said.append(fix)
         if self.health.lost:
@@ -222,6 +218,7 @@ class Localiser:
     def _enter(self, scan: LidarScan, mapped: bool) -> None:
         """Look what moves in a scan; enter the rest in the map, if it is to be ``mapped``."""
         belief = self.ekf.belief_at(scan.t_ns)
+        self.seen_from = None if belief is None else belief[0]
         if belief is None:
             return
         moving = self._watch.look(self.slam.points_m, self._laser, belief[0], scan.t_ns)

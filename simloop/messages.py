@@ -229,6 +229,10 @@ class MoverTracks(_Message):
     radius_m: FloatArray
     std_m: FloatArray
 
+    def places_at(self, t_ns: int) -> FloatArray:
+        """(n, 2) where they are at another instant if they go on as they go."""
+        return self.position_m + 1e-9 * (t_ns - self.t_ns) * self.velocity_mps
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WorldView(_Message):

@@ -37,6 +37,14 @@ def rectangle_distance(x: float, y: float, half_length: float, half_width: float
 
 
 @njit(cache=True)
+def arc_end(ahead: float, turned: float) -> tuple[float, float]:
+    """x, y, m, after an arc ``ahead`` m long and ``turned`` rad round, from the origin along x."""
+    if abs(turned) > 1e-9:
+        return ahead / turned * math.sin(turned), ahead / turned * (1.0 - math.cos(turned))
+    return ahead, 0.0
+
+
+@njit(cache=True)
 def points_in(pose: FloatArray, seen_from: FloatArray, points: FloatArray) -> FloatArray:
     """(n, 2) points given in the frame ``seen_from`` (3,), expressed in the frame ``pose`` (3,)."""
     out = np.empty_like(points)
@@ -111,10 +119,7 @@ def _hindered(
 ) -> bool:
     """Whether the footprint is within ``margin`` of a point, and nearer than it was, at the end
     of an arc ``ahead`` m long and ``turned`` rad round."""
-    if abs(turned) > 1e-9:
-        cx, cy = ahead / turned * math.sin(turned), ahead / turned * (1.0 - math.cos(turned))
-    else:
-        cx, cy = ahead, 0.0
+    cx, cy = arc_end(ahead, turned)
     cos, sin = math.cos(turned), math.sin(turned)
     reach = math.hypot(half_length, half_width) + margin
     for i in range(points.shape[0]):
@@ -230,15 +235,28 @@ def room_after(
 ) -> float:
     """m from the footprint to the nearest of the points (n, 2), in base_link before, at the end
     of an arc ``ahead`` m long and ``turned`` rad round."""
-    end = np.array((ahead, 0.0, turned))
-    if abs(turned) > 1e-9:
-        end[0] = ahead / turned * math.sin(turned)
-        end[1] = ahead / turned * (1.0 - math.cos(turned))
+    end = np.array((*arc_end(ahead, turned), turned))
     seen, least = points_in(end, np.zeros(3), points), np.inf
     for i in range(seen.shape[0]):
         gap = rectangle_distance(seen[i, 0], seen[i, 1], half_length, half_width)
         least = min(least, gap)
     return least
+
+
+def stopping_limits(
+    config: TrackerConfig, vehicle: VehicleConfig, brake_mps2: float, margin_m: float
+) -> FloatArray:
+    """(6,) what a stop needs: the ``limits`` of ``allowed_part``."""
+    return np.array(
+        [
+            config.monitor_reaction_s,
+            brake_mps2,
+            config.max_yaw_accel_radps2,
+            0.5 * vehicle.length_m,
+            0.5 * vehicle.width_m,
+            margin_m,
+        ]
+    )
 
 
 class CollisionMonitor:
@@ -248,15 +266,8 @@ class CollisionMonitor:
         self, config: TrackerConfig, vehicle: VehicleConfig, scan_s: float = 0.1
     ) -> None:
         """scan_s: time, s, from one scan to the next."""
-        self._limits = np.array(
-            [
-                config.monitor_reaction_s,
-                config.max_decel_mps2,
-                config.max_yaw_accel_radps2,
-                0.5 * vehicle.length_m,
-                0.5 * vehicle.width_m,
-                config.monitor_margin_m,
-            ]
+        self._limits = stopping_limits(
+            config, vehicle, config.max_decel_mps2, config.monitor_margin_m
         )
         reach = math.hypot(vehicle.length_m, vehicle.width_m) / 2.0 + config.monitor_margin_m
         top = config.max_speed_mps

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from filterpy.kalman import KalmanFilter
 from numba import njit
 from numpy.typing import NDArray
 
 from simloop.changes import ChangeDetector
+from simloop.constant_velocity import ConstantVelocity
 from simloop.messages import FloatArray, MoverTracks
 from simloop.se2 import transform_points
 
@@ -75,54 +75,21 @@ class _Thing:
     moved: int
 
 
-class _Track:
-    """Constant velocity, white acceleration; state x, y, vx, vy."""
+class _Track(ConstantVelocity):
+    """``confirmed``: seen often enough, and come far enough, to be believed."""
 
     def __init__(self, number: int, thing: _Thing, t_ns: int) -> None:
+        super().__init__(thing.centre, t_ns, _PLACE_STD_M, _SPEED_STD_MPS, _ACCELERATION_MPS2)
         self.number, self.radius = number, max(thing.radius, _LEAST_RADIUS_M)
         self.seen_ns = self.moved_ns = t_ns
-        self._sightings, self._confirmed, self._founded_m = 1, False, thing.centre
-        self._t_ns = t_ns
-        self._filter = kf = KalmanFilter(4, 2)
-        kf.x = np.concatenate((thing.centre, np.zeros(2)))
-        kf.P = np.diag([_PLACE_STD_M**2] * 2 + [_SPEED_STD_MPS**2] * 2)
-        kf.H = np.eye(2, 4)
-        kf.R = _PLACE_STD_M**2 * np.eye(2)
-
-    @property
-    def place(self) -> FloatArray:
-        """(2,) m, in map."""
-        return self._filter.x[:2]
-
-    @property
-    def velocity(self) -> FloatArray:
-        """(2,) m/s, in map."""
-        return self._filter.x[2:]
-
-    @property
-    def std_m(self) -> float:
-        """Of its place, one axis."""
-        return math.sqrt(0.5 * float(self._filter.P[0, 0] + self._filter.P[1, 1]))
-
-    @property
-    def confirmed(self) -> bool:
-        """Whether it has been seen often enough, and has come far enough, to be believed."""
-        return self._confirmed
-
-    def predict(self, t_ns: int) -> None:
-        """Bring it to an instant."""
-        dt = 1e-9 * (t_ns - self._t_ns)
-        self._t_ns = t_ns
-        motion = np.eye(4)
-        motion[0, 2] = motion[1, 3] = dt
-        gain = np.concatenate((0.5 * dt**2 * np.eye(2), dt * np.eye(2)))
-        self._filter.predict(F=motion, Q=_ACCELERATION_MPS2**2 * gain @ gain.T)
+        self.confirmed = False
+        self._sightings, self._founded_m = 1, thing.centre
 
     def take(self, thing: _Thing, t_ns: int) -> None:
         """It has been seen."""
-        self._filter.update(thing.centre)
+        self.update(thing.centre)
         self._sightings += thing.moved >= _LEAST_MOVED
-        self._confirmed |= (
+        self.confirmed |= (
             self._sightings >= _CONFIRMED and math.dist(self.place, self._founded_m) > _COME_M
         )
         self.seen_ns = t_ns
@@ -151,9 +118,7 @@ class MoverWatch:
         """(n, 3) x, y, radius in map of what is thought to move, and a little about it."""
         if self.tracks is None:
             return None
-        age_s = 1e-9 * (t_ns - self.tracks.t_ns)
-        places = self.tracks.position_m + age_s * self.tracks.velocity_mps
-        return np.column_stack((places, self.tracks.radius_m + _ABOUT_M))
+        return np.column_stack((self.tracks.places_at(t_ns), self.tracks.radius_m + _ABOUT_M))
 
     def look(
         self, points_m: FloatArray, laser_m: FloatArray, pose: FloatArray, t_ns: int

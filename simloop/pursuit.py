@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from filterpy.kalman import KalmanFilter
 
+from simloop.constant_velocity import ConstantVelocity
 from simloop.foreseen import meeting_time
 from simloop.messages import FloatArray, GoalReading, WorldView
 
@@ -21,8 +21,8 @@ class Pursuit:
 
     def __init__(self, goal: FloatArray) -> None:
         self._place = np.array(goal, np.float64)
-        self._filter: KalmanFilter | None = None
-        self._t_ns = self._aimed_ns = 0
+        self._filter: ConstantVelocity | None = None
+        self._aimed_ns = 0
         self._aim = self._place
 
     @property
@@ -32,26 +32,21 @@ class Pursuit:
 
     def hear(self, reading: GoalReading) -> None:
         """Take what the robot is told of the goal."""
-        kf = self._filter
-        if kf is None:
-            kf = self._filter = KalmanFilter(4, 2)
-            kf.x = np.concatenate((reading.position_m, np.zeros(2)))
-            kf.P = np.diag([_PLACE_STD_M**2] * 2 + [_SPEED_STD_MPS**2] * 2)
-            kf.H, kf.R = np.eye(2, 4), _PLACE_STD_M**2 * np.eye(2)
+        if self._filter is None:
+            self._filter = ConstantVelocity(
+                reading.position_m,
+                reading.t_ns,
+                _PLACE_STD_M,
+                _SPEED_STD_MPS,
+                _ACCELERATION_MPS2,
+            )
         else:
-            dt = 1e-9 * (reading.t_ns - self._t_ns)
-            motion = np.eye(4)
-            motion[0, 2] = motion[1, 3] = dt
-            gain = np.concatenate((0.5 * dt**2 * np.eye(2), dt * np.eye(2)))
-            kf.predict(F=motion, Q=_ACCELERATION_MPS2**2 * gain @ gain.T)
-            kf.update(reading.position_m)
-        self._t_ns = reading.t_ns
+            self._filter.predict(reading.t_ns)
+            self._filter.update(reading.position_m)
 
     def place(self, t_ns: int) -> FloatArray:
         """(2,) where it is at an instant."""
-        if self._filter is None:
-            return self._place
-        return self._filter.x[:2] + 1e-9 * (t_ns - self._t_ns) * self._filter.x[2:]
+        return self._place if self._filter is None else self._filter.place_at(t_ns)
 
     def aim(self, view: WorldView, pose: FloatArray, speed_mps: float, room_m: float) -> FloatArray:
         """(2,) where to go from ``pose`` (3,) to meet it, ``room_m`` from all that is known."""
@@ -74,7 +69,7 @@ class Pursuit:
     def _way_to_meeting(self, t_ns: int, pose: FloatArray, speed_mps: float) -> FloatArray:
         """(2,) m that the goal goes until the robot, from ``pose`` (3,), can have reached it."""
         assert self._filter is not None
-        velocity = self._filter.x[2:]
+        velocity = self._filter.velocity
         when = meeting_time(self.place(t_ns), velocity, pose, _PACE_SHARE * speed_mps)
         return velocity * (_LEAD_S if when is None else min(when, _LEAD_S))
 

@@ -14,14 +14,13 @@ from numba import njit
 
 from simloop.config import TrackerConfig, VehicleConfig
 from simloop.messages import FloatArray, MoverTracks
-from simloop.monitor import CollisionMonitor, rectangle_distance
+from simloop.monitor import CollisionMonitor, arc_end, rectangle_distance, stopping_limits
 
 _STEP_S = 0.05
 _PARTS = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1)
 _GROWS_MPS, _GROWS_SHARE = 0.1, 0.3  # how fast a mover's disc grows about its prediction
 _DECELERATION_MPS2 = 1.0  # of an emergency stop
 _MARGIN_M = 0.06
-_STD_SHARE = 1.0
 _STANDS_MPS = 0.1  # slower, a mover is taken to stand
 _AWAY = -0.5  # cosine of its course to where the robot is, below which it goes away
 _LITTLE_MPS, _LITTLE_RADPS = 0.1, 0.3  # with no more left to do, to get out of the way is
@@ -38,11 +37,7 @@ def gap_after(
 ) -> float:
     """m between the footprint, ``ahead`` m along an arc and ``turned`` rad round from ``pose``
     (3,), and a mover (7,) ``t`` s on: x, y, vx, vy in map, radius. half: (2,) of the footprint."""
-    if abs(turned) > 1e-9:
-        cx = ahead / turned * math.sin(turned)
-        cy = ahead / turned * (1.0 - math.cos(turned))
-    else:
-        cx, cy = ahead, 0.0
+    cx, cy = arc_end(ahead, turned)
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     dx = mover[0] + mover[2] * t - pose[0] - cos * cx + sin * cy
     dy = mover[1] + mover[3] * t - pose[1] - sin * cx - cos * cy
@@ -129,16 +124,7 @@ class Separation:
         self, config: TrackerConfig, vehicle: VehicleConfig, monitor: CollisionMonitor
     ) -> None:
         self._monitor = monitor
-        self._limits = np.array(
-            [
-                config.monitor_reaction_s,
-                _DECELERATION_MPS2,
-                config.max_yaw_accel_radps2,
-                0.5 * vehicle.length_m,
-                0.5 * vehicle.width_m,
-                _MARGIN_M,
-            ]
-        )
+        self._limits = stopping_limits(config, vehicle, _DECELERATION_MPS2, _MARGIN_M)
         self._dodge, self._dodge_ns = (0.0, 0.0), 0
 
     def allow(
@@ -191,14 +177,13 @@ class Separation:
 
 def discs_at(tracks: MoverTracks, t_ns: int) -> FloatArray:
     """(n, 7) of the tracks at an instant, as ``safe_part`` has them."""
-    age_s = 1e-9 * (t_ns - tracks.t_ns)
     pace = np.hypot(*tracks.velocity_mps.T)
     grows = _GROWS_MPS + _GROWS_SHARE * pace
     return np.column_stack(
         (
-            tracks.position_m + age_s * tracks.velocity_mps,
+            tracks.places_at(t_ns),
             tracks.velocity_mps,
-            tracks.radius_m + _STD_SHARE * tracks.std_m,
+            tracks.radius_m + tracks.std_m,
             grows,
             pace,
         )

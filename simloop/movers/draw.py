@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from simloop.clutter import to_walls
 from simloop.floor_plan import FloorPlan
 from simloop.messages import FloatArray
 from simloop.movers.settings import Crowd, Mover
@@ -88,11 +89,10 @@ def _round_trip(
 
 def _clear(floor: FloorPlan, a: FloatArray, b: FloatArray, radius: float) -> bool:
     share = np.linspace(0.0, 1.0, 2 + int(math.dist(a, b) / 0.05))[:, None]
-    line = a + share * (b - a)
-    sides = np.minimum(line - floor.bounds_m[:2], floor.bounds_m[2:] - line).min()
-    return bool(min(floor.clearance_m(line).min(), sides) > radius + _APART_M)
+    return _room(floor, a + share * (b - a)) > radius + _APART_M
 
 
-def _room(floor: FloorPlan, place: FloatArray) -> float:
-    sides = np.minimum(place - floor.bounds_m[:2], floor.bounds_m[2:] - place).min()
-    return float(min(floor.clearance_m(place)[0], sides))
+def _room(floor: FloorPlan, places: FloatArray) -> float:
+    """m from the nearest of places (..., 2) to what stands or to the floor's bounds."""
+    sides = to_walls(places, floor.bounds_m).min()
+    return float(min(floor.clearance_m(places).min(), sides))

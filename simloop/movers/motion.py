@@ -77,13 +77,15 @@ def room_at(floor: Floor, x: float, y: float) -> tuple[float, float, float]:
     room = (d00 * (1.0 - a) + d01 * a) * (1.0 - b) + (d10 * (1.0 - a) + d11 * a) * b
     gx = (d01 - d00) * (1.0 - b) + (d11 - d10) * b
     gy = (d10 - d00) * (1.0 - a) + (d11 - d01) * a
-    sides = (x - floor.bounds[0], y - floor.bounds[1], floor.bounds[2] - x, floor.bounds[3] - y)
-    for k in range(4):
-        if not room <= sides[k]:
-            room = sides[k]
-            gx, gy = (1.0, 0.0) if k == 0 else (0.0, 1.0) if k == 1 else (-1.0, 0.0)
-            if k == 3:
-                gx, gy = 0.0, -1.0
+    left, low, right, high = floor.bounds
+    for side, ax, ay in (
+        (x - left, 1.0, 0.0),
+        (y - low, 0.0, 1.0),
+        (right - x, -1.0, 0.0),
+        (high - y, 0.0, -1.0),
+    ):
+        if not room <= side:  # nor if it is inf or NaN, where nothing stands
+            room, gx, gy = side, ax, ay
     size = math.hypot(gx, gy)
     if not size > 1e-9:
         return room, 0.0, 0.0

@@ -16,7 +16,6 @@ Diameter = Annotated[float, Field(ge=0.05, le=5.0)]
 Height = Annotated[float, Field(ge=0.05, le=3.0)]
 Pace = Annotated[float, Field(ge=0.0, le=5.0)]
 Key = tuple[Annotated[float, Field(ge=0.0, le=1e6)], Coordinate, Coordinate]
-_HAS_NO_PLACE = "a path has keys_txy, all else a position_m"
 
 
 def check_keys(keys: tuple[Key, ...]) -> None:
@@ -51,10 +50,9 @@ class Mover:
 
     @model_validator(mode="after")
     def _has_a_place(self) -> Mover:
-        if (self.motion == "path") != bool(self.keys_txy):
-            raise ValueError(_HAS_NO_PLACE)
-        if (self.motion == "path") == (self.position_m is not None):
-            raise ValueError(_HAS_NO_PLACE)
+        on_path, has_place = self.motion == "path", self.position_m is not None
+        if on_path != bool(self.keys_txy) or on_path == has_place:
+            raise ValueError("a path has keys_txy, all else a position_m")
         if self.keys_txy:
             check_keys(self.keys_txy)
         return self
