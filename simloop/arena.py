@@ -270,7 +270,7 @@ def _add_obstacle(world: mujoco.MjSpec, name: str, obstacle: Obstacle, number: i
 def _shape(world: mujoco.MjSpec, geom: mujoco.MjsGeom, part: Obstacle) -> None:
     x, y = part.position_m
     half_height = 0.5 * part.height_m
-    geom.pos = [x, y, half_height]
+    geom.pos = [x, y, part.bottom_m + half_height]
     geom.quat = [np.cos(0.5 * part.yaw_rad), 0.0, 0.0, np.sin(0.5 * part.yaw_rad)]
     if part.shape == "cylinder":
         geom.type = mujoco.mjtGeom.mjGEOM_CYLINDER

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy import ndimage
@@ -66,6 +67,24 @@ def draw_clutter(
         f"found no room with {count} obstacles, a blocked line and a passage {passage_m:.2f} m "
         f"either side in {_ROOMS} trials: ask for fewer obstacles or a larger room"
     )
+
+
+def out_of_plane(
+    rng: np.random.Generator, obstacles: Sequence[Obstacle], share: float
+) -> list[Obstacle]:
+    """The obstacles, about a share of them such as the LiDAR's plane misses.
+
+    In equal parts lower than it, hung up below it, and hung up above it, where the mast alone hits.
+    """
+    changed = []
+    for item in obstacles:
+        drawn, kind = rng.random(), rng.integers(3)
+        foot, top = rng.uniform((0.05, 0.15), (0.12, 0.18)).tolist()
+        bottom = (0.0, foot, 0.21)[kind]
+        height = 0.3 if kind == 2 else top - bottom
+        hung = replace(item, bottom_m=bottom, height_m=height)
+        changed.append(hung if drawn < share else item)
+    return changed
 
 
 def is_blocked(plan: FloorPlan, start: FloatArray, goal: FloatArray) -> bool:

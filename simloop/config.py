@@ -8,39 +8,27 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 from pydantic.dataclasses import dataclass
-from pydantic_core import PydanticCustomError
 
-_STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
-
-# Wide enough for whatever may be meant, and narrow enough that nothing overflows or never ends.
-Positive = Annotated[float, Field(gt=0.0, le=1e6)]
-NonNegative = Annotated[float, Field(ge=0.0, le=1e6)]
-Length = Annotated[float, Field(gt=0.0, le=10.0)]
-Period = Annotated[float, Field(gt=0.0, le=3600.0)]
-Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
-
-
-def to_ns(seconds: float) -> int:
-    """A time in whole nanoseconds, the unit in which simulated time is kept."""
-    return round(seconds * 1e9)
-
-
-def reject(message: str) -> PydanticCustomError:
-    """An error about keys that do not go together; its text names the keys itself."""
-    # The text is data, not a template: braces in it must stay as they are.
-    return PydanticCustomError("keys_clash", "{text}", {"text": message})
+from simloop.quantities import (
+    STRICT,
+    Angle,
+    Fraction,
+    Length,
+    NonNegative,
+    Period,
+    Positive,
+    check_range,
+    has_area,
+    reject,
+    to_ns,
+)
 
 
-def has_area(min_m: tuple[float, float], max_m: tuple[float, float]) -> bool:
-    """Whether the first corner lies below the second in x and in y."""
-    return min_m[0] < max_m[0] and min_m[1] < max_m[1]
-
-
-@dataclass(frozen=True, slots=True, config=_STRICT)
+@dataclass(frozen=True, slots=True, config=STRICT)
 class RatesConfig:
-    """Periods, s. Physics divides control; control divides the LiDAR's and the planner's.
+    """Periods, s. Physics divides control; control divides the LiDAR's, planner's and camera's.
 
     Encoders and IMU are read once a control period.
     """
@@ -49,12 +37,13 @@ class RatesConfig:
     control_s: Annotated[float, Field(ge=1e-6, le=0.1)] = 0.01
     lidar_s: Period = 0.1
     plan_s: Period = 1.83
+    camera_s: Period = 0.1
 
     @model_validator(mode="after")
     def _periods_divide(self) -> RatesConfig:
         """Integer ratios, checked in whole nanoseconds: no period may drift against another."""
-        pairs = (("control_s", "physics_s"), ("lidar_s", "control_s"), ("plan_s", "control_s"))
-        for slow, fast in pairs:
+        slower = ("lidar_s", "plan_s", "camera_s")
+        for slow, fast in (("control_s", "physics_s"), *((name, "control_s") for name in slower)):
             long_s, short_s = getattr(self, slow), getattr(self, fast)
             if to_ns(short_s) < 1 or to_ns(long_s) % to_ns(short_s) or to_ns(long_s) < 1:
                 raise reject(
@@ -67,7 +56,7 @@ class RatesConfig:
 Friction = Annotated[float, Field(gt=0.0, le=2.0)]
 
 
-@dataclass(frozen=True, slots=True, config=_STRICT)
+@dataclass(frozen=True, slots=True, config=STRICT)
 class FrictionZone:
     """A rectangle of ground, min_m (x, y) to max_m (x, y) in map, with a friction of its own."""
 
@@ -82,7 +71,7 @@ class FrictionZone:
         return self
 
 
-@dataclass(frozen=True, slots=True, config=_STRICT)
+@dataclass(frozen=True, slots=True, config=STRICT)
 class FrictionImage:
     """A grey image laid over min_m to max_m (x, y in map), its upper edge at the largest y.
 
@@ -103,7 +92,7 @@ class FrictionImage:
         return self
 
 
-@dataclass(frozen=True, slots=True, config=_STRICT)
+@dataclass(frozen=True, slots=True, config=STRICT)
 class TracksConfig:
     """Track-ground contact: isotropic Coulomb friction behind a shear brush.
 
@@ -119,7 +108,7 @@ class TracksConfig:
     rolling_resistance: Annotated[float, Field(ge=0.0, le=0.5)] = 0.02
 
 
-@dataclass(frozen=True, slots=True, config=_STRICT)
+@dataclass(frozen=True, slots=True, config=STRICT)
 class MotorConfig:
     """EMG49 (24 V, 49:1) behind an MD49 driver; all figures at the output shaft.
 
@@ -137,7 +126,7 @@ class MotorConfig:
     rotor_inertia_kgm2: Positive = 0.02
 
 
-@dataclass(frozen=True, slots=True, config=_STRICT)
+@dataclass(frozen=True, slots=True, config=STRICT)
 class VehicleConfig:
     """The robot's body, as its own software knows it (Sabiha 2022, Table 3).
 
@@ -152,7 +141,7 @@ class VehicleConfig:
     footprint_radius_m: Length = 0.25
 
 
-@dataclass(frozen=True, slots=True, config=_STRICT)
+@dataclass(frozen=True, slots=True, config=STRICT)
 class PayloadConfig:
     """A load on the chassis of which the robot's software knows nothing; position in base_link."""
 
@@ -160,12 +149,12 @@ class PayloadConfig:
     position_m: tuple[float, float, float] = (0.0, 0.0, 0.15)
 
 
-@dataclass(frozen=True, slots=True, config=_STRICT)
+@dataclass(frozen=True, slots=True, config=STRICT)
 class EncoderConfig:
     counts_per_turn: Annotated[int, Field(gt=0, le=10**7)] = 980
 
 
-@dataclass(frozen=True, slots=True, config=_STRICT)
+@dataclass(frozen=True, slots=True, config=STRICT)
 class ImuConfig:
     """MPU-9250: noise densities from its data sheet, bias after a start-up calibration."""
 
@@ -177,7 +166,7 @@ class ImuConfig:
     accel_bias_walk_mps2_rts: NonNegative = 2.0e-4
 
 
-@dataclass(frozen=True, slots=True, config=_STRICT)
+@dataclass(frozen=True, slots=True, config=STRICT)
 class LidarConfig:
     rays: Annotated[int, Field(ge=8, le=36000)] = 360
     range_min_m: Positive = 0.15
@@ -187,15 +176,50 @@ class LidarConfig:
 
     @model_validator(mode="after")
     def _range_opens(self) -> LidarConfig:
-        if self.range_min_m >= self.range_max_m:
-            raise reject(
-                f"lidar.range_min_m = {self.range_min_m:g} m is not below "
-                f"lidar.range_max_m = {self.range_max_m:g} m"
-            )
+        check_range("lidar", self.range_min_m, self.range_max_m)
         return self
 
 
-@dataclass(frozen=True, slots=True, config=_STRICT)
+@dataclass(frozen=True, slots=True, config=STRICT)
+class CameraConfig:
+    """A forward depth camera, like an Intel RealSense D435; off unless ``enabled``.
+
+    Depths are along the optical axis. noise_1pm: standard deviation over the squared depth, as
+    triangulation has it.
+    """
+
+    enabled: bool = False
+    columns: Annotated[int, Field(ge=4, le=4096)] = 64
+    rows: Annotated[int, Field(ge=4, le=4096)] = 48
+    fov_rad: tuple[Angle, Angle] = (1.518, 1.012)
+    range_min_m: Positive = 0.17
+    range_max_m: Annotated[float, Field(ge=0.01, le=100.0)] = 3.0
+    noise_1pm: NonNegative = 0.002
+    dropout: Fraction = 0.01
+
+    @model_validator(mode="after")
+    def _range_opens(self) -> CameraConfig:
+        check_range("camera", self.range_min_m, self.range_max_m)
+        return self
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class LowObstaclesConfig:
+    """What in a depth image is in the robot's way.
+
+    It rises by step_m or more, steeper than slope, to no more than height_m over the ground that
+    the robot stands on, and is no farther than reach_m. clear_m: as far as ground that is seen
+    tells that nothing stands there any more.
+    """
+
+    step_m: Positive = 0.025
+    slope: Positive = 0.5
+    height_m: Length = 0.25
+    reach_m: Positive = 2.5
+    clear_m: Positive = 1.0
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
 class EkfConfig:
     """Process noise as densities (per square root of a second), gates as probabilities.
 
@@ -220,7 +244,7 @@ class EkfConfig:
     gate_probability: Annotated[float, Field(gt=0.5, lt=1.0)] = 0.9999
 
 
-@dataclass(frozen=True, slots=True, config=_STRICT)
+@dataclass(frozen=True, slots=True, config=STRICT)
 class SlamConfig:
     """Grid and scan matcher.
 
@@ -251,7 +275,7 @@ class SlamConfig:
     max_cells: Annotated[int, Field(ge=10_000, le=10**9)] = 8_000_000
 
 
-@dataclass(frozen=True, slots=True, config=_STRICT)
+@dataclass(frozen=True, slots=True, config=STRICT)
 class PlannerConfig:
     """Sabiha 2022: J = w1 S + w2 Theta + sigma sum R; class of 100; 30 idle generations end it.
 
@@ -278,7 +302,7 @@ class PlannerConfig:
     options: dict[str, bool | int | float | str] = Field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True, config=_STRICT)
+@dataclass(frozen=True, slots=True, config=STRICT)
 class SmootherConfig:
     """Bezier corners; the lead-in takes the path from the robot's heading to the plan's.
 
@@ -293,7 +317,7 @@ class SmootherConfig:
     lead_in_max_turn_rad: NonNegative = 1.0
 
 
-@dataclass(frozen=True, slots=True, config=_STRICT)
+@dataclass(frozen=True, slots=True, config=STRICT)
 class TrackerConfig:
     """Velocity control along the path, the motors' speed loops, the collision monitor, recovery.
 
@@ -325,7 +349,7 @@ class TrackerConfig:
     back_off_mps: Positive = 0.12
 
 
-@dataclass(frozen=True, slots=True, config=_STRICT)
+@dataclass(frozen=True, slots=True, config=STRICT)
 class WatchdogConfig:
     """What is too old to drive by.
 
@@ -339,7 +363,7 @@ class WatchdogConfig:
     unheard_mps: Positive = 0.15
 
 
-@dataclass(frozen=True, slots=True, config=_STRICT)
+@dataclass(frozen=True, slots=True, config=STRICT)
 class Config:
     """The whole simulator but for the scenario's own facts (arena, start, goal)."""
 
@@ -351,6 +375,8 @@ class Config:
     encoder: EncoderConfig = Field(default_factory=EncoderConfig)
     imu: ImuConfig = Field(default_factory=ImuConfig)
     lidar: LidarConfig = Field(default_factory=LidarConfig)
+    camera: CameraConfig = Field(default_factory=CameraConfig)
+    low_obstacles: LowObstaclesConfig = Field(default_factory=LowObstaclesConfig)
     ekf: EkfConfig = Field(default_factory=EkfConfig)
     slam: SlamConfig = Field(default_factory=SlamConfig)
     planner: PlannerConfig = Field(default_factory=PlannerConfig)

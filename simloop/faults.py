@@ -12,12 +12,12 @@ from dataclasses import fields, replace
 from typing import Annotated, Literal, Protocol
 
 import numpy as np
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 from pydantic.dataclasses import dataclass
 
-from simloop.config import has_area
 from simloop.messages import EncoderReading, FloatArray, ImuReading, LidarScan, Truth
 from simloop.obstacles import Coordinate, Point
+from simloop.quantities import STRICT, has_area
 from simloop.sensors import RayCaster
 
 Seconds = Annotated[float, Field(ge=0.0, le=1e6)]
@@ -55,7 +55,7 @@ _THROUGH_M = 1e-3
 _PANES = 4  # that one beam may go through
 
 
-@dataclass(frozen=True, slots=True, config=ConfigDict(extra="forbid", allow_inf_nan=False))
+@dataclass(frozen=True, slots=True, config=STRICT)
 class Fault:
     """One thing that goes wrong at ``at_s``, for ``for_s``, or (0) from then on.
 

@@ -15,6 +15,7 @@ from simloop.messages import FloatArray
 def trace_scan(
     points: FloatArray,
     origins: FloatArray,
+    through: NDArray[np.bool_],
     pose: FloatArray,
     x0: float,
     y0: float,
@@ -31,11 +32,12 @@ def trace_scan(
 ) -> tuple[FloatArray, float]:
     """Enter one scan: its hits, then the free cells that its beams crossed.
 
-    points, origins: (n, 2) in base_link at ``pose`` (3,) in map; (x0, y0): the grid's lower left
-    corner. log_odds: (rows, cols); hits: (rows, cols, 3) sums of x and y from (x0, y0), and count;
-    stamp: (rows, cols) the last scan that touched a cell; occupied: (rows, cols) log_odds above
-    ``threshold``, kept so. A cell gets one vote a scan, and one in which a beam ended is not voted
-    free by the beams that only passed it. What is voted free for good forgets its hits.
+    points, origins: (n, 2) in base_link at ``pose`` (3,) in map; through: (n,) beams that met
+    nothing where they end; (x0, y0): the grid's lower left corner. log_odds: (rows, cols); hits:
+    (rows, cols, 3) sums of x and y from (x0, y0), and count; stamp: (rows, cols) the last scan that
+    touched a cell; occupied: (rows, cols) log_odds above ``threshold``, kept so. A cell gets one
+    vote a scan, and one in which a beam ended is not voted free by the beams that only passed it.
+    What is voted free for good forgets its hits.
 
     The free cells of a beam end two cells short of its own: the near half of the noise about a
     wall must not be voted away, or the wall's hit mean would recede from whoever looks at it.
@@ -54,6 +56,8 @@ def trace_scan(
         x = pose[0] + cos * points[i, 0] - sin * points[i, 1] - x0
         y = pose[1] + sin * points[i, 0] + cos * points[i, 1] - y0
         ends[i, 0], ends[i, 1] = x / resolution, y / resolution
+        if through[i]:
+            continue
         cell = math.floor(ends[i, 1]) * cols + math.floor(ends[i, 0])
         hits_of[cell, 0] += x
         hits_of[cell, 1] += y
@@ -71,7 +75,8 @@ def trace_scan(
         ay = (pose[1] + sin * origins[i, 0] + cos * origins[i, 1] - y0) / resolution
         dx, dy = ends[i, 0] - ax, ends[i, 1] - ay
         length = math.hypot(dx, dy)
-        if length < 3.0:
+        last = length if through[i] else length - 2.0
+        if last < 1.0:
             continue
         dx, dy = dx / length, dy / length
         col, row = math.floor(ax), math.floor(ay)
@@ -81,7 +86,7 @@ def trace_scan(
         to_x = ((col + 1 - ax) if dx > 0 else (ax - col)) * grow_x
         to_y = ((row + 1 - ay) if dy > 0 else (ay - row)) * grow_y
         travelled, cell = 0.0, row * cols + col
-        while travelled < length - 2.0:
+        while travelled < last:
             if stamp_of[cell] != scan_number:
                 stamp_of[cell] = scan_number
                 value = max(-most, odds_of[cell] - miss)

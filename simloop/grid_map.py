@@ -6,8 +6,11 @@ It grows as needed, by chunks, up to a bound in cells; what lies beyond is not e
 
 from __future__ import annotations
 
+import copy
+
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from simloop.config import SlamConfig
 from simloop.correlative import MID, TOP, raise_field, search
@@ -43,15 +46,22 @@ class GridMap:
         self._distance: np.ndarray | None = None
 
     def insert(
-        self, points: FloatArray, origins: FloatArray, pose: FloatArray
+        self,
+        points: FloatArray,
+        origins: FloatArray,
+        pose: FloatArray,
+        through: NDArray[np.bool_] | None = None,
     ) -> tuple[FloatArray, float]:
         """Enter a scan, points and origins (n, 2) in base_link at ``pose`` (3,).
 
-        Returns where, (k, 2) in map, cells became occupied by it, and their share of all cells in
-        which its beams ended.
+        through: (n,) beams that met nothing where they end. Returns where, (k, 2) in map, cells
+        became occupied by it, and their share of all cells in which its beams ended.
         """
+        if through is None:
+            through = np.zeros(len(points), np.bool_)
         if not self._grow_to_hold(points, pose):
-            points, origins = self._within(points, origins, pose)
+            inside = self._within(points, origins, pose)
+            points, origins, through = points[inside], origins[inside], through[inside]
         if len(points) == 0:
             return _NONE, 0.0
         self.scans += 1
@@ -59,6 +69,7 @@ class GridMap:
         fresh, share = trace_scan(
             points,
             origins,
+            through,
             pose,
             *self.origin_m.tolist(),
             self.resolution_m,
@@ -165,12 +176,31 @@ class GridMap:
         hits = self.hits[self.occupied]
         return self.origin_m + hits[:, :2] / np.maximum(hits[:, 2:], 1.0)
 
+    def joined(self, surfaces_m: FloatArray) -> GridMap:
+        """A copy, to be looked at only, in which further surfaces (k, 2), in map, stand too."""
+        both = copy.copy(self)
+        both.occupied, both.hits = self.occupied.copy(), self.hits.copy()
+        both._distance = None
+        if both._grow(surfaces_m.min(axis=0), surfaces_m.max(axis=0) + self.resolution_m):
+            offsets = surfaces_m - both.origin_m
+            cols, rows = np.floor(offsets / self.resolution_m).astype(int).T
+            new = ~both.occupied[rows, cols]
+            rows, cols = rows[new], cols[new]
+            both.hits[rows, cols] = np.column_stack([offsets[new], np.ones(len(rows))])
+            both.occupied[rows, cols] = True
+        return both
+
     def _grow_to_hold(self, points: FloatArray, pose: FloatArray) -> bool:
         """Make the grid hold all points of the scan, the robot, and a margin; False: it may not."""
         margin = 2.0 * self.resolution_m
         x_min, y_min, x_max, y_max = placed_bounds(points, pose)
         low = np.array((min(x_min, pose[0] - 0.5) - margin, min(y_min, pose[1] - 0.5) - margin))
         high = np.array((max(x_max, pose[0] + 0.5) + margin, max(y_max, pose[1] + 0.5) + margin))
+        return self._grow(low, high)
+
+    def _grow(self, low: FloatArray, high: FloatArray) -> bool:
+        """Make the grid reach over the box from ``low`` to ``high``, (2,) each; False: it may
+        not."""
         if self._holds(low, high):
             return True
         res, size = self.resolution_m, np.array(self.log_odds.shape[::-1])
@@ -200,14 +230,14 @@ class GridMap:
 
     def _within(
         self, points: FloatArray, origins: FloatArray, pose: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Those beams, points and origins, that lie wholly inside the grid."""
+    ) -> NDArray[np.bool_]:
+        """(n,) which beams, points and origins, lie wholly inside the grid."""
         inside = np.ones(len(points), np.bool_)
         size = self.resolution_m * np.array(self.log_odds.shape[::-1])
         for ends in (points, origins):
             off = transform_points(pose, ends) - self.origin_m
             inside &= np.all((off > self.resolution_m) & (off < size - self.resolution_m), axis=1)
-        return points[inside], origins[inside]
+        return inside
 
     def _holds(self, low: FloatArray, high: FloatArray) -> bool:
         """Whether the grid reaches over the box from ``low`` to ``high``, (2,) each."""

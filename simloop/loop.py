@@ -11,8 +11,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from simloop.depth_camera import DepthCamera, RayFan
 from simloop.faults import Faults
-from simloop.messages import GoalReading, LidarScan, Message, Truth
+from simloop.messages import DepthImage, GoalReading, LidarScan, Message, Truth
 from simloop.metrics import RunMetrics
 from simloop.movers.crowd import Crowd, MovingGoal
 from simloop.plant import Plant
@@ -70,8 +71,8 @@ class Simulation:
         self.scenario = scenario
         self.world = world or build_world(scenario)
         self.plant = Plant(self.world.model, config)
-        rngs = np.random.default_rng(scenario.seed).spawn(6)
-        imu_rng, lidar_rng, planner_rng, fault_rng, crowd_rng, goal_rng = rngs
+        rngs = np.random.default_rng(scenario.seed).spawn(7)
+        imu_rng, lidar_rng, planner_rng, fault_rng, crowd_rng, goal_rng, camera_rng = rngs
         self._encoders = Encoders(config.encoder)
         self._imu = Imu(config.imu, rates.control_s, imu_rng)
         mount = self.plant.base_from_laser
@@ -82,7 +83,12 @@ class Simulation:
         self._rays = self._faults.rays(self.plant)
         self.profiler = watch = profiler or Profiler()
         laser = np.array([mount[0], mount[1], 0.0])
-        self.robot = Robot(config, mission, laser, planner_rng, watch)
+        camera, self._shoot = None, _blind
+        if config.camera.enabled:
+            camera = self.plant.base_from_camera
+            shoot = DepthCamera(config.camera, rates.camera_s, camera, camera_rng).shoot
+            self._shoot = watch.wrap("camera", shoot)
+        self.robot = Robot(config, mission, laser, planner_rng, watch, camera)
         self.metrics = RunMetrics(scenario, self.world.floor)
         offers = [] if recorder is None else [watch.wrap("recorder", recorder.offer)]
         self._listeners: list[Listener] = [self.metrics.offer, *offers, *listeners]
@@ -126,9 +132,10 @@ class Simulation:
                 imu = faults.imu(self._imu.read(truth))
                 faults.at(truth.t_ns)
                 scan = faults.scan(self._sweep(before, truth, self._rays), truth.t_ns)
-                command = self.robot.step(encoders, imu, scan, goal)
+                image = self._shoot(truth, self.plant)
+                command = self.robot.step(encoders, imu, scan, goal, image)
                 voltage = command.voltage_v
-                heard = self._heard(scan, goal)
+                heard = self._heard(scan, goal, image)
                 self._publish([truth, encoders, imu, *heard, command])
                 self._publish(self.robot.said)
                 outcome, ticks = self._outcome(truth), ticks + 1
@@ -146,9 +153,11 @@ class Simulation:
         self._goal = self._moving_goal.step()
         return self._moving_goal.reading(truth.t_ns + self._period_ns, self._goal)
 
-    def _heard(self, scan: LidarScan | None, goal: GoalReading | None) -> list[Message]:
+    def _heard(
+        self, scan: LidarScan | None, goal: GoalReading | None, image: DepthImage | None
+    ) -> list[Message]:
         """What comes less often, and the truth to hold against it."""
-        heard: list[Message] = [] if goal is None else [goal]
+        heard: list[Message] = [message for message in (goal, image) if message is not None]
         if scan is None:
             return heard
         heard += [scan, self.plant.track_truth()]
@@ -188,6 +197,11 @@ class Simulation:
         if self.robot.gave_up:
             return "stuck"
         return "timeout" if truth.t_ns >= self._limit_ns else ""
+
+
+def _blind(truth: Truth, world: RayFan) -> DepthImage | None:
+    """The eye of a robot without a camera."""
+    return None
 
 
 @contextmanager

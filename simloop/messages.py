@@ -137,6 +137,27 @@ class LidarScan(_Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class DepthImage(_Message):
+    """What a depth camera sees at one instant.
+
+    depth_m: (rows, cols) float32 along the optical axis, row 0 on top, inf where nothing came back.
+    focal_px: (2,) horizontal, vertical; the axis goes through the image's middle.
+    """
+
+    t_ns: int
+    depth_m: NDArray[np.float32]
+    focal_px: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LowObstacles(_Message):
+    """What the camera has seen and the LiDAR has not: surfaces_m (k, 2) in map."""
+
+    t_ns: int
+    surfaces_m: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class GoalReading(_Message):
     """Where a goal that moves is, as the robot is told; position_m: (2,) in map."""
 
@@ -341,6 +362,8 @@ Message = (
     | EncoderReading
     | ImuReading
     | LidarScan
+    | DepthImage
+    | LowObstacles
     | Estimate
     | Frames
     | Health

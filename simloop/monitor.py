@@ -280,12 +280,20 @@ class CollisionMonitor:
         self._points = np.empty((0, 2))
         self._pose = np.zeros(3)
 
-    def observe(self, points_m: FloatArray, pose: FloatArray) -> None:
-        """Take a scan: points (n, 2) in base_link, seen from ``pose`` (3,) in map."""
+    def observe(
+        self, points_m: FloatArray, pose: FloatArray, standing_m: FloatArray | None = None
+    ) -> None:
+        """Take a scan: points (n, 2) in base_link, seen from ``pose`` (3,) in map.
+
+        standing_m: (k, 2) in map, what scans do not show and stands there nevertheless.
+        """
         self._pose = pose = np.array(pose, np.float64)
         self._scans.append(near_points(np.ascontiguousarray(points_m), pose, self._near_m))
         merged = np.concatenate(self._scans)
         self._points = steadied_around(pose, merged, _WINDOW, _ONE_SURFACE_M)
+        if standing_m is not None and len(standing_m):
+            near = standing_m[np.hypot(*(standing_m - pose[:2]).T) < self._near_m]
+            self._points = np.concatenate((self._points, points_in(pose, np.zeros(3), near)))
 
     def forget(self) -> None:
         """Take it that nothing has been seen: the robot stands elsewhere than was thought."""

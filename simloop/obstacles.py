@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 from pydantic.dataclasses import dataclass
 
 from simloop.floor_plan import Section
 from simloop.messages import FloatArray
+from simloop.quantities import STRICT
 
 Coordinate = Annotated[float, Field(ge=-1e4, le=1e4)]
 Point = tuple[Coordinate, Coordinate]
@@ -27,9 +29,9 @@ _SIZES = {
 _COUNTS = {"box": 2, "ellipse": 2, "cylinder": 1, "ell": 3, "polygon": 0}
 
 
-@dataclass(frozen=True, slots=True, config=ConfigDict(extra="forbid", allow_inf_nan=False))
+@dataclass(frozen=True, slots=True, config=STRICT)
 class Obstacle:
-    """An upright, static thing on the floor.
+    """An upright, static thing on the floor, or hung up ``bottom_m`` over it.
 
     size_m, over all: box and ellipse (length, width), cylinder (diameter,), ell (length, width,
     thickness) of two boxes that make an L. A polygon is convex and has ``vertices_m`` instead,
@@ -42,6 +44,7 @@ class Obstacle:
     yaw_rad: float = 0.0
     height_m: Annotated[float, Field(gt=0.0, le=3.0)] = 0.35
     vertices_m: tuple[Point, ...] = ()
+    bottom_m: Annotated[float, Field(ge=0.0, le=3.0)] = 0.0
 
     @model_validator(mode="after")
     def _check_size(self) -> Obstacle:
@@ -65,10 +68,8 @@ class Obstacle:
         return foot, stem
 
     def _box(self, x: float, y: float, length: float, width: float) -> Obstacle:
-        (where,) = self._placed(np.array([[x, y]]))
-        return Obstacle(
-            "box", (float(where[0]), float(where[1])), (length, width), self.yaw_rad, self.height_m
-        )
+        (where,) = self._placed(np.array([[x, y]])).tolist()
+        return replace(self, shape="box", position_m=tuple(where), size_m=(length, width))
 
     def sections(self, name: str = "obstacle") -> tuple[Section, ...]:
         """What it shows on the floor plan, exactly (an ellipse to 0.1 mm)."""

@@ -138,6 +138,11 @@ class Plant:
         """(3,) position of the laser in base_link, m; its axes are base_link's."""
         return self.model.site("lidar").pos.copy()
 
+    @property
+    def base_from_camera(self) -> FloatArray:
+        """(3,) position of the depth camera in base_link, m; it looks along x, level."""
+        return self.model.site("camera").pos.copy()
+
     def cast(self, origins_m: FloatArray, directions: FloatArray, cutoff_m: float) -> FloatArray:
         """Distances (n,) from ``origins_m`` (n, 3) along unit ``directions`` (n, 3).
 
@@ -146,13 +151,40 @@ class Plant:
         middle one in one call, and each range is then carried over to its own origin along the
         surface that was hit; a ray that grazes its surface is cast again on its own.
         """
-        n, model, data = len(origins_m), self.model, self.data
+        middle = origins_m[len(origins_m) // 2]
+        ranges, normals = self._fan(middle, directions, cutoff_m)
+        geom = np.empty(1, np.int32)
+        for i in carry_ranges(ranges, normals, directions, origins_m, middle, cutoff_m):
+            there = mujoco.mj_ray(
+                self.model,
+                self.data,
+                origins_m[i],
+                directions[i],
+                self._ray_groups,
+                1,
+                self._base,
+                geom,
+            )
+            ranges[i] = there if there <= cutoff_m else -1.0
+        return ranges
+
+    def look(self, origin_m: FloatArray, directions: FloatArray, cutoff_m: float) -> FloatArray:
+        """As ``cast``, with all rays from one origin (3,)."""
+        ranges, _ = self._fan(origin_m, directions, cutoff_m)
+        ranges[ranges > cutoff_m] = -1.0
+        return ranges
+
+    def _fan(
+        self, origin_m: FloatArray, directions: FloatArray, cutoff_m: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Ranges (n,) along directions (n, 3) from one origin (3,), and the normals (n, 3) there;
+        beyond the cutoff a range may be given or be -1."""
+        n = len(directions)
         normals, ranges, geoms = np.empty((n, 3)), np.empty(n), np.empty(n, np.int32)
-        middle = origins_m[n // 2]
         mujoco.mj_multiRay(
-            model,
-            data,
-            middle,
+            self.model,
+            self.data,
+            origin_m,
             directions.ravel(),
             self._ray_groups,
             1,
@@ -163,12 +195,7 @@ class Plant:
             n,
             cutoff_m,
         )
-        for i in carry_ranges(ranges, normals, directions, origins_m, middle, cutoff_m):
-            there = mujoco.mj_ray(
-                model, data, origins_m[i], directions[i], self._ray_groups, 1, self._base, geoms[:1]
-            )
-            ranges[i] = there if there <= cutoff_m else -1.0
-        return ranges
+        return ranges, normals
 
     def reset(self, pose: FloatArray, settle_s: float = 0.5, braked: bool = False) -> Truth:
         """Put the vehicle at ``pose`` (3,) x, y, yaw, let it settle, and start the clock at 0.

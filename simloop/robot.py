@@ -16,7 +16,9 @@ from simloop.config import Config
 from simloop.ekf import GAUGE
 from simloop.foreseen import foresee
 from simloop.localiser import Localiser
+from simloop.low_obstacles import LowObstacleMap, looking_ahead
 from simloop.messages import (
+    DepthImage,
     EncoderReading,
     Estimate,
     Event,
@@ -24,6 +26,7 @@ from simloop.messages import (
     GoalReading,
     ImuReading,
     LidarScan,
+    LowObstacles,
     MapUpdate,
     Message,
     Plan,
@@ -46,6 +49,7 @@ from simloop.widths import WidthPlanner
 _BLOCKED_SLACK_M = 0.02  # the map's grain: a path is blocked only when it is clearly so
 _HOPELESS_NS = 500_000_000  # between replans for a blockage that the last plan could not avoid
 _MOVERS_M, _MOVERS_NS = 3.0, 600_000_000  # from what moves; and how old a plan is then too old
+_NOTHING = np.empty((0, 2))
 _NEXT_M = 0.4  # where on its path a robot that is held would like to be
 
 
@@ -68,13 +72,20 @@ class Robot:
         base_from_laser: FloatArray,
         rng: np.random.Generator,
         profiler: Profiler,
+        base_from_camera: FloatArray | None = None,
     ) -> None:
+        """base_from_laser: (3,) x, y, yaw; base_from_camera: (3,) x, y, z, if there is one."""
+        if base_from_camera is not None:
+            config = looking_ahead(config)
         rates, vehicle = config.rates, config.vehicle
         safe = config.planner.safe_distance_m
         period = rates.control_s
         self._config = config
         self._localiser = Localiser(config, mission.start, base_from_laser, profiler)
         self._slam = self._localiser.slam
+        self._low: LowObstacleMap | None = None
+        if base_from_camera is not None:
+            self._low = LowObstacleMap(config.low_obstacles, config.slam, base_from_camera)
         self._pursuit = Pursuit(mission.goal)
         self._planner = WidthPlanner(config, rng)
         self._tracker = Tracker(
@@ -125,10 +136,11 @@ class Robot:
         imu: ImuReading,
         scan: LidarScan | None,
         goal: GoalReading | None = None,
+        image: DepthImage | None = None,
     ) -> TrackCommand:
         """Take one period's readings; answer with the command for the next period.
 
-        goal: where it is now, if it moves and there is news of it.
+        goal: where it is now, if it moves and there is news of it. image: of the depth camera.
         """
         self.said.clear()
         localiser = self._localiser
@@ -143,8 +155,10 @@ class Robot:
             self._begin_anew()
         if localiser.new_surfaces_m is not None:
             self._unchecked.append(localiser.new_surfaces_m)
+        if image is not None:
+            self._look_low(image, estimate)
         if localiser.seen_from is not None:
-            self._monitor.observe(self._slam.points_m, localiser.seen_from)
+            self._monitor.observe(self._slam.points_m, localiser.seen_from, self._standing_m)
         if not localiser.health.said.halts:
             reason = self._reason_to_plan(estimate, scan is not None)
             if reason:
@@ -159,6 +173,21 @@ class Robot:
         left, right = command.voltage_v.tolist()
         self._driven = left != 0.0 or right != 0.0
         return command
+
+    @property
+    def _standing_m(self) -> FloatArray | None:
+        """(k, 2) in map, what stands there though no scan shows it."""
+        return None if self._low is None else self._low.surfaces_m
+
+    def _look_low(self, image: DepthImage, estimate: Estimate) -> None:
+        """Enter a depth image of this instant, if it is known from where it was taken."""
+        if self._low is None or self._localiser.health.said.halts:
+            return
+        with self._time["slam"]:
+            scan = self._slam.points_m if self._localiser.seen_from is not None else _NOTHING
+            fresh = self._low.look(image, estimate.pose, scan, self._localiser.movers)
+            self._unchecked.append(fresh)
+        self._say(LowObstacles(estimate.t_ns, self._low.surfaces_m.copy()))
 
     def _begin_anew(self) -> None:
         """Forget all that was meant for another place: the plan, the path, what was near."""
@@ -201,7 +230,7 @@ class Robot:
             return False
         limit = self._config.planner.safe_distance_m - _BLOCKED_SLACK_M
         with self._time["slam"]:
-            surfaces = np.concatenate(self._unchecked or [np.empty((0, 2))])
+            surfaces = np.concatenate(self._unchecked or [_NOTHING])
             self._unchecked.clear()
             return stands_in_the_way(
                 surfaces,
@@ -216,7 +245,8 @@ class Robot:
 
     def _replan(self, estimate: Estimate, reason: str) -> None:
         with self._time["slam"]:
-            still = self._slam.view(estimate.t_ns, self._pursuit.place(estimate.t_ns))
+            goal = self._pursuit.place(estimate.t_ns)
+            still = self._slam.view(estimate.t_ns, goal, self._standing_m)
             self._unchecked.clear()
         with self._time["planner"]:
             pose, pace = estimate.pose, self._pace_mps

@@ -18,22 +18,22 @@ from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any
 
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, model_validator
+from pydantic import Field, TypeAdapter, ValidationError, model_validator
 from pydantic.dataclasses import dataclass
 from pydantic_core import ErrorDetails
 
 from simloop import planners
 from simloop.catalog import arena_files, planner_names, scenario_files
-from simloop.config import Config, Positive, TracksConfig, has_area, reject
+from simloop.config import Config, TracksConfig
 from simloop.errors import InputError, did_you_mean
 from simloop.faults import Fault
 from simloop.mapping.map_reader import load_map
 from simloop.movers.settings import Crowd, GoalMotion, Mover
 from simloop.obstacles import Coordinate, Obstacle, Point
+from simloop.quantities import STRICT, Fraction, Positive, has_area, reject
 from simloop.terrain import MOST_ROUGH_STEP_S, Loose, Terrain
 from simloop.worlds.generator import Generator
 
-_STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 _BARE_WORD = re.compile(r"[A-Za-z_./][A-Za-z0-9_\-./]*\Z")
 Count = Annotated[int, Field(ge=0, lt=2**63)]
 Bounds = tuple[Coordinate, Coordinate, Coordinate, Coordinate]
@@ -41,14 +41,18 @@ _GAZEBO = (".world", ".sdf")
 ARENA_FILES = (".xml", ".yaml", *_GAZEBO)
 
 
-@dataclass(frozen=True, slots=True, config=_STRICT)
+@dataclass(frozen=True, slots=True, config=STRICT)
 class Clutter:
-    """How many obstacles are drawn anew from the seed (see ``clutter.draw_clutter``)."""
+    """How many obstacles are drawn anew from the seed (see ``clutter.draw_clutter``).
+
+    unseen: the share of them that the LiDAR's plane misses (see ``clutter.out_of_plane``).
+    """
 
     count: Annotated[int, Field(ge=1, le=200)] = 12
+    unseen: Fraction = 0.0
 
 
-@dataclass(frozen=True, slots=True, config=_STRICT)
+@dataclass(frozen=True, slots=True, config=STRICT)
 class Scenario:
     """One run, wholly described: the same scenario gives the same run.
 

@@ -127,19 +127,22 @@ class GridSlam:
                 points, origins, np.array(pose, np.float64)
             )
 
-    def view(self, t_ns: int, goal: FloatArray) -> WorldView:
-        """The map as a planner sees it."""
+    def view(
+        self, t_ns: int, goal: FloatArray, surfaces_m: FloatArray | None = None
+    ) -> WorldView:
+        """The map as a planner sees it; surfaces_m: (k, 2) in map, what else stands there."""
+        grid = self.grid
+        if surfaces_m is not None and len(surfaces_m):
+            grid = grid.joined(surfaces_m)
         box = NOWHERE_M * np.array([-1.0, -1.0, 1.0, 1.0])
-        occupied = self.grid.occupied
-        found = discs_of(occupied, self.origin_m, self.resolution_m)
+        occupied, origin = grid.occupied, grid.origin_m
+        found = discs_of(occupied, origin, self.resolution_m)
         if occupied.size:
             size = self.resolution_m * np.array(occupied.shape[::-1])
-            low = np.minimum(self.origin_m, goal - self._config.beyond_m)
-            high = np.maximum(self.origin_m + size, goal + self._config.beyond_m)
+            low = np.minimum(origin, goal - self._config.beyond_m)
+            high = np.maximum(origin + size, goal + self._config.beyond_m)
             box = np.concatenate((low, high))
-        return WorldView(
-            t_ns, self.origin_m.copy(), self.resolution_m, self.grid.distances(), found, box
-        )
+        return WorldView(t_ns, origin.copy(), self.resolution_m, grid.distances(), found, box)
 
     def _take(self, scan: LidarScan, trail_t_ns: np.ndarray, trail: FloatArray) -> None:
         self.points_m, self._origins = deskew(

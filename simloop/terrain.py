@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 from pydantic.dataclasses import dataclass
 
-from simloop.config import Friction, Length, has_area
+from simloop.config import Friction
 from simloop.obstacles import Point
+from simloop.quantities import STRICT, Length, has_area
 
-_STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 MOST_ROUGH_STEP_S = 0.002
 """The longest physics step over a height field: a hull that falls on its prisms goes deep in one
 longer step, and is thrown out of them with energy from nowhere."""
@@ -23,7 +23,7 @@ Height = Annotated[float, Field(gt=0.0, le=1.0)]
 Run = Annotated[float, Field(ge=0.0, le=100.0)]
 
 
-@dataclass(frozen=True, slots=True, config=_STRICT)
+@dataclass(frozen=True, slots=True, config=STRICT)
 class Ramp:
     """A way up, a level top and a way down, along x from its foot, turned by yaw_rad about it.
 
@@ -40,7 +40,7 @@ class Ramp:
     yaw_rad: float = 0.0
 
 
-@dataclass(frozen=True, slots=True, config=_STRICT)
+@dataclass(frozen=True, slots=True, config=STRICT)
 class Step:
     """A level block on the floor, or, if it is narrow, a sill; size_m: length, width over all."""
 
@@ -50,7 +50,7 @@ class Step:
     yaw_rad: float = 0.0
 
 
-@dataclass(frozen=True, slots=True, config=_STRICT)
+@dataclass(frozen=True, slots=True, config=STRICT)
 class HeightField:
     """Rough ground over min_m to max_m (x, y in map), level with the floor at its rim.
 
@@ -89,7 +89,7 @@ class HeightField:
         return rows, columns
 
 
-@dataclass(frozen=True, slots=True, config=_STRICT)
+@dataclass(frozen=True, slots=True, config=STRICT)
 class Terrain:
     """All that lies on the floor and is driven over. The robot's own software knows of none."""
 
@@ -98,7 +98,7 @@ class Terrain:
     height_field: HeightField | None = None
 
 
-@dataclass(frozen=True, slots=True, config=_STRICT)
+@dataclass(frozen=True, slots=True, config=STRICT)
 class Loose:
     """A thing that stands loose on the floor; size_m: box (length, width), cylinder (diameter,).
 

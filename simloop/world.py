@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from simloop.arena import bounds_of, build, floor_plan, overlaps, sections_of
-from simloop.clutter import draw_clutter, is_passable
+from simloop.clutter import draw_clutter, is_passable, out_of_plane
 from simloop.errors import InputError
 from simloop.floor_plan import FloorPlan
 from simloop.footprint import least_clearance
@@ -37,6 +37,7 @@ _LEAST_HALF_WIDTH = 0.45
 _WORLD_STREAM = 0x3D
 _CLUTTER_STREAM = 0xC1
 _CROWD_STREAM = 0xC2
+_HEIGHT_STREAM = 0xC3
 """Marks the draw of the room off from all the generators that the stages get from the seed."""
 
 
@@ -58,7 +59,7 @@ def build_world(scenario: Scenario) -> World:
         obstacles = [*layout.obstacles, *scenario.obstacles] if layout else [*scenario.obstacles]
         model = _build(scenario, obstacles, layout)
         if scenario.clutter is not None:
-            obstacles += draw_clutter(
+            drawn = draw_clutter(
                 np.random.default_rng([scenario.seed, _CLUTTER_STREAM]),
                 scenario.start,
                 scenario.goal,
@@ -68,6 +69,8 @@ def build_world(scenario: Scenario) -> World:
                 scenario.config.planner.safe_distance_m,
                 [s for s in sections_of(model, loose=True) if not s.name.startswith("wall")],
             )
+            rng = np.random.default_rng([scenario.seed, _HEIGHT_STREAM])
+            obstacles += out_of_plane(rng, drawn, scenario.clutter.unseen)
             model = _build(scenario, obstacles, layout)
         floor = floor_plan(model)
         movers = scenario.movers

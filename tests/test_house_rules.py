@@ -40,6 +40,7 @@ TRUTH = {
     "tracks",
     "faults",
     "health_account",
+    "depth_camera",
     "shortest",
     "footprint",
     "crowd",
@@ -112,6 +113,7 @@ def test_the_robot_takes_sensor_messages_only():
         "ImuReading",
         "LidarScan | None",
         "GoalReading | None",
+        "DepthImage | None",
     ]
 
 

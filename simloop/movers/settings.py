@@ -5,12 +5,12 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Annotated, Literal
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 from pydantic.dataclasses import dataclass
 
 from simloop.obstacles import Coordinate, Point
+from simloop.quantities import STRICT
 
-_STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 Motion = Literal["path", "constant", "walk", "pedestrian"]
 Diameter = Annotated[float, Field(ge=0.05, le=5.0)]
 Height = Annotated[float, Field(ge=0.05, le=3.0)]
@@ -26,7 +26,7 @@ def check_keys(keys: tuple[Key, ...]) -> None:
         raise ValueError("keys_txy: each key must be later than the one before")
 
 
-@dataclass(frozen=True, slots=True, config=_STRICT)
+@dataclass(frozen=True, slots=True, config=STRICT)
 class Mover:
     """An upright cylinder that goes its own way, and is stopped by nothing but what is said here.
 
@@ -63,7 +63,7 @@ class Mover:
         return self.position_m or self.keys_txy[0][1:]
 
 
-@dataclass(frozen=True, slots=True, config=_STRICT)
+@dataclass(frozen=True, slots=True, config=STRICT)
 class Crowd:
     """Movers drawn from the scenario's seed, ``count`` of them, of each of ``motions`` in turn.
 
@@ -91,7 +91,7 @@ class Crowd:
         return self
 
 
-@dataclass(frozen=True, slots=True, config=_STRICT)
+@dataclass(frozen=True, slots=True, config=STRICT)
 class GoalMotion:
     """A goal that moves, as a ``Mover`` does, and keeps ``room_m`` from all that stands.
 

@@ -7,13 +7,14 @@ from collections.abc import Callable, Sequence
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 from pydantic.dataclasses import dataclass
 
 from simloop.clutter import is_passable
-from simloop.config import Fraction, VehicleConfig, reject
+from simloop.config import VehicleConfig
 from simloop.floor_plan import rasterise
 from simloop.obstacles import Obstacle
+from simloop.quantities import STRICT, Fraction, reject
 from simloop.worlds import buildings, fields, mazes
 from simloop.worlds.layout import WALL_M, Bounds, Layout, walls_about
 
@@ -25,7 +26,7 @@ Metres = Annotated[float, Field(gt=0.0, le=100.0)]
 Point2 = tuple[float, float]
 
 
-@dataclass(frozen=True, slots=True, config=ConfigDict(extra="forbid", allow_inf_nan=False))
+@dataclass(frozen=True, slots=True, config=STRICT)
 class Generator:
     """A floor from (0, 0) to ``size_m`` with walls about it, and within it by ``kind``:
 
