@@ -209,7 +209,7 @@ class LowObstaclesConfig:
 
     It rises by step_m or more, steeper than slope, to no more than height_m over the ground that
     the robot stands on, and is no farther than reach_m. clear_m: as far as ground that is seen
-    tells that nothing stands there any more.
+    tells that nothing stands there any more. plane_m: the LiDAR's height.
     """
 
     step_m: Positive = 0.025
@@ -217,6 +217,7 @@ class LowObstaclesConfig:
     height_m: Length = 0.25
     reach_m: Positive = 2.5
     clear_m: Positive = 1.0
+    plane_m: Positive = 0.2
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

@@ -176,6 +176,12 @@ class GridMap:
         hits = self.hits[self.occupied]
         return self.origin_m + hits[:, :2] / np.maximum(hits[:, 2:], 1.0)
 
+    def fade(self, share: float) -> None:
+        """Forget a share of all evidence."""
+        self.log_odds *= 1.0 - share
+        self.occupied[:] = self.log_odds > self._config.occupied_log_odds
+        self._distance = None
+
     def joined(self, surfaces_m: FloatArray) -> GridMap:
         """A copy, to be looked at only, in which further surfaces (k, 2), in map, stand too."""
         both = copy.copy(self)

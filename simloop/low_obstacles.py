@@ -25,10 +25,14 @@ from simloop.se2 import transform_points
 
 _EDGE_M = 0.04  # two pixels of a column that are so near one another are of one thing
 _NEARER_M = 0.015  # than seen: a corner recedes in the mean of its cell
-_DEPTHS_M = (0.05, 0.1, 0.15)  # what is seen has that depth, until it is seen that it has not
+_DEPTHS_M = tuple(np.arange(0.05, 0.26, 0.05).tolist())
+"""What is seen is taken to be so deep, until it is seen that it is not."""
 _TURN_RAD, _LEAD_IN_RAD = 0.4, 0.3  # well within what the camera sees to either side
+_SIGHTINGS = 1.5  # more of them are needed: something that moves is seen once in each place
+_FADES = 0.01  # of the odds, with each image in which something moves
 _NOT_SO_FAR_M = 0.1  # short of what stands there, no vote for free ground
 _SAME_M = 0.03  # from the line between two points of a scan: seen by it too
+_TALL_M = 0.15  # the same for what reaches up to the scan, and may have moved since its beams
 _ONE_SURFACE_M = 0.3  # farther apart, two points of a scan are not of one surface
 _MOVER_M = 0.1  # about what moves
 
@@ -49,8 +53,8 @@ def _climbs(
 def in_the_way(
     depth: NDArray[np.float32], high: FloatArray, camera_m: float, limits: FloatArray
 ) -> FloatArray:
-    """(cols, 2) for each column the depth, m, of the nearest thing that is in the way, or inf, and
-    up to which depth there surely is none.
+    """(cols, 3) for each column the depth, m, of the nearest thing that is in the way, or inf, up
+    to which depth there surely is none, and how high, m, the nearest thing is seen to reach.
 
     depth: (rows, cols); high: (rows,) how much a row's rays rise for one of depth, top row first;
     camera_m: the camera over the ground. limits: (4,) least step, m, slope, most height, m, reach,
@@ -62,7 +66,7 @@ def in_the_way(
     """
     step, slope, height, reach = limits
     rows, cols = depth.shape
-    found, z = np.empty((cols, 2)), np.empty(rows)
+    found, z = np.zeros((cols, 3)), np.empty(rows)
     for col in range(cols):
         nearest, ground, free = np.inf, 0.0, np.inf
         before = 0.0  # depth of the next valid pixel below
@@ -82,13 +86,18 @@ def in_the_way(
                         nearest = far
             before = far
         found[col, 0], found[col, 1] = nearest, min(ground, free)
+        for row in range(rows):
+            if abs(depth[row, col] - nearest) < _EDGE_M:
+                found[col, 2] = max(found[col, 2], z[row])
     return found
 
 
 @njit(cache=True)
-def seen_too(points: FloatArray, scan: FloatArray, same: float, apart: float) -> NDArray[np.bool_]:
-    """(n,) which points (n, 2) lie within ``same`` m of a line from one point of a scan (m, 2), in
-    order of bearing, to the next, where these are no more than ``apart`` m from one another."""
+def seen_too(
+    points: FloatArray, scan: FloatArray, same: FloatArray, apart: float
+) -> NDArray[np.bool_]:
+    """(n,) which points (n, 2) lie within ``same`` (n,), m, of a line from one of a scan (m, 2),
+    in order of bearing, to the next, where these are no more than ``apart`` m from one another."""
     out = np.zeros(points.shape[0], np.bool_)
     for i in range(points.shape[0]):
         for k in range(scan.shape[0]):
@@ -99,7 +108,7 @@ def seen_too(points: FloatArray, scan: FloatArray, same: float, apart: float) ->
             if square > apart * apart:
                 dx, dy, square = 0.0, 0.0, 0.0
             f = min(1.0, max(0.0, (px * dx + py * dy) / square)) if square > 0.0 else 0.0
-            if math.hypot(px - f * dx, py - f * dy) < same:
+            if math.hypot(px - f * dx, py - f * dy) < same[i]:
                 out[i] = True
                 break
     return out
@@ -115,7 +124,8 @@ class LowObstacleMap:
         self, config: LowObstaclesConfig, slam: SlamConfig, base_from_camera: FloatArray
     ) -> None:
         self._config = config
-        self._seen, self._behind = GridMap(slam), GridMap(slam)
+        sure = replace(slam, occupied_log_odds=_SIGHTINGS * slam.hit_log_odds)
+        self._seen, self._behind = GridMap(sure), GridMap(sure)
         self._mount = np.array(base_from_camera, np.float64)
         self._limits = np.array([config.step_m, config.slope, config.height_m, config.reach_m])
         self.surfaces_m = np.empty((0, 2))
@@ -134,11 +144,12 @@ class LowObstacleMap:
         rows, cols = image.depth_m.shape
         aside = (0.5 * (cols - 1) - np.arange(cols)) / image.focal_px[0]
         high = (0.5 * (rows - 1) - np.arange(rows)) / image.focal_px[1]
-        nearest, free = in_the_way(image.depth_m, high, self._mount[2], self._limits).T
+        nearest, free, top = in_the_way(image.depth_m, high, self._mount[2], self._limits).T
         met = np.isfinite(nearest)
         far, its_aside = nearest[met], aside[met]
         points = self._points(far, its_aside)
-        new = ~seen_too(points, scan_m, _SAME_M, _ONE_SURFACE_M)
+        same_m = np.where(top[met] >= self._config.plane_m, _TALL_M, _SAME_M)
+        new = ~seen_too(points, scan_m, same_m, _ONE_SURFACE_M)
         new &= ~_on_movers(points, pose, image.t_ns, movers)
         far, its_aside = far[new], its_aside[new]
         behind = np.concatenate([self._points(far + d, its_aside) for d in _DEPTHS_M])
@@ -147,12 +158,19 @@ class LowObstacleMap:
         until = np.minimum(free - _NOT_SO_FAR_M, self._config.clear_m)
         clear = until > whole_m
         ways = [self._points(d, aside[clear]) for d in (whole_m, until[clear])]
+        if movers is not None:
+            self._fade()
         fresh = [
             _enter(self._seen, self._points(far - _NEARER_M, its_aside), ways, pose),
             _enter(self._behind, behind, ways, pose),
         ]
         self.surfaces_m = np.concatenate((self._seen.surfaces(), self._behind.surfaces()))
         return np.concatenate(fresh)
+
+    def _fade(self) -> None:
+        """Trust a little less in all that is remembered: what moves leaves traces."""
+        for grid in (self._seen, self._behind):
+            grid.fade(_FADES)
 
     def _points(self, depth: FloatArray | float, aside: FloatArray) -> FloatArray:
         """(n, 2) in base_link, at depths (n,) in columns that lead ``aside`` (n,) for one of it."""
