@@ -10,8 +10,13 @@ if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
 
-def make_blueprint(bounds_m: FloatArray, timeline: str) -> rrb.Blueprint:
-    """The arrangement for an arena with bounds (4,) x_min, y_min, x_max, y_max, m."""
+def make_blueprint(
+    bounds_m: FloatArray, timeline: str, camera: str | None = None
+) -> rrb.Blueprint:
+    """The arrangement for an arena with bounds (4,) x_min, y_min, x_max, y_max, m.
+
+    camera: the entity of a depth camera, if there is one.
+    """
     import rerun.blueprint as rrb
 
     centre = 0.5 * (bounds_m[:2] + bounds_m[2:])
@@ -27,7 +32,10 @@ def make_blueprint(bounds_m: FloatArray, timeline: str) -> rrb.Blueprint:
             eye_up=[0.0, 0.0, 1.0],
         ),
     )
-    events = rrb.TextLogView(origin="/events", name="Events")
+    events: Any = rrb.TextLogView(origin="/events", name="Events")
+    if camera is not None:
+        sight = rrb.Spatial2DView(origin=f"/{camera}", name="What the depth camera sees")
+        events = rrb.Horizontal(sight, events)
 
     def plot(name: str, *origins: str) -> Any:
         contents = [f"/plots/{origin}/**" for origin in origins]

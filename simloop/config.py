@@ -19,16 +19,16 @@ from simloop.quantities import (
     NonNegative,
     Period,
     Positive,
+    check_multiple,
     check_range,
     has_area,
     reject,
-    to_ns,
 )
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class RatesConfig:
-    """Periods, s. Physics divides control; control divides the LiDAR's, planner's and camera's.
+    """Periods, s. Physics divides control; control divides the LiDAR's and the planner's.
 
     Encoders and IMU are read once a control period.
     """
@@ -37,19 +37,14 @@ class RatesConfig:
     control_s: Annotated[float, Field(ge=1e-6, le=0.1)] = 0.01
     lidar_s: Period = 0.1
     plan_s: Period = 1.83
-    camera_s: Period = 0.1
 
     @model_validator(mode="after")
     def _periods_divide(self) -> RatesConfig:
         """Integer ratios, checked in whole nanoseconds: no period may drift against another."""
-        slower = ("lidar_s", "plan_s", "camera_s")
-        for slow, fast in (("control_s", "physics_s"), *((name, "control_s") for name in slower)):
+        pairs = (("control_s", "physics_s"), ("lidar_s", "control_s"), ("plan_s", "control_s"))
+        for slow, fast in pairs:
             long_s, short_s = getattr(self, slow), getattr(self, fast)
-            if to_ns(short_s) < 1 or to_ns(long_s) % to_ns(short_s) or to_ns(long_s) < 1:
-                raise reject(
-                    f"rates.{slow} = {long_s:g} s is not a whole multiple of "
-                    f"rates.{fast} = {short_s:g} s"
-                )
+            check_multiple(f"rates.{slow}", long_s, f"rates.{fast}", short_s)
         return self
 
 
@@ -189,6 +184,7 @@ class CameraConfig:
     """
 
     enabled: bool = False
+    period_s: Period = 0.1
     columns: Annotated[int, Field(ge=4, le=4096)] = 64
     rows: Annotated[int, Field(ge=4, le=4096)] = 48
     fov_rad: tuple[Angle, Angle] = (1.518, 1.012)
@@ -384,3 +380,10 @@ class Config:
     smoother: SmootherConfig = Field(default_factory=SmootherConfig)
     tracker: TrackerConfig = Field(default_factory=TrackerConfig)
     watchdog: WatchdogConfig = Field(default_factory=WatchdogConfig)
+
+    @model_validator(mode="after")
+    def _camera_keeps_the_beat(self) -> Config:
+        if self.camera.enabled:
+            period, beat = self.camera.period_s, self.rates.control_s
+            check_multiple("camera.period_s", period, "rates.control_s", beat)
+        return self

@@ -86,7 +86,7 @@ class Simulation:
         camera, self._shoot = None, _blind
         if config.camera.enabled:
             camera = self.plant.base_from_camera
-            shoot = DepthCamera(config.camera, rates.camera_s, camera, camera_rng).shoot
+            shoot = DepthCamera(config.camera, config.camera.period_s, camera, camera_rng).shoot
             self._shoot = watch.wrap("camera", shoot)
         self.robot = Robot(config, mission, laser, planner_rng, watch, camera)
         self.metrics = RunMetrics(scenario, self.world.floor)

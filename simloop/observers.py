@@ -33,6 +33,7 @@ def recorder_for(path: Path, scenario: Scenario, world: World) -> RerunRecorder:
         world.model.site("lidar").pos,
         scenario.config.vehicle,
         title_of(scenario),
+        world.model.site("camera").pos if scenario.config.camera.enabled else None,
     )
 
 

@@ -41,3 +41,9 @@ def check_range(section: str, least_m: float, most_m: float) -> None:
             f"{section}.range_min_m = {least_m:g} m is not below "
             f"{section}.range_max_m = {most_m:g} m"
         )
+
+
+def check_multiple(slow: str, long_s: float, fast: str, short_s: float) -> None:
+    """Raise what ``reject`` makes unless one period is a whole multiple of the other, in ns."""
+    if to_ns(short_s) < 1 or to_ns(long_s) % to_ns(short_s) or to_ns(long_s) < 1:
+        raise reject(f"{slow} = {long_s:g} s is not a whole multiple of {fast} = {short_s:g} s")

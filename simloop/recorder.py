@@ -20,6 +20,7 @@ import numpy as np
 from simloop.blueprint import make_blueprint
 from simloop.config import VehicleConfig
 from simloop.messages import (
+    DepthImage,
     Estimate,
     Event,
     FloatArray,
@@ -27,6 +28,7 @@ from simloop.messages import (
     GoalReading,
     LidarScan,
     LooseTruth,
+    LowObstacles,
     MapUpdate,
     Message,
     MoverTracks,
@@ -46,9 +48,9 @@ from simloop.record_columns import (
     lifted,
     mover_strips,
     nees,
-    occupancy_percent,
 )
-from simloop.scene_log import BASE, MAP, ODOM, log_scene
+from simloop.record_images import depth_columns, occupancy, pinhole
+from simloop.scene_log import BASE, CAMERA, MAP, ODOM, log_scene
 from simloop.se2 import wrap_angles
 from simloop.shapes import Body, Shape
 
@@ -89,10 +91,10 @@ class NullRecorder:
 class RerunRecorder:
     """Streams a run into an ``.rrd`` file, readable up to its last second whatever happens.
 
-    shapes, bodies: what is to be seen (see ``scene_shapes``). bounds_m:
-    (4,) of the arena. goal: (2,) in map. start: (3,) x, y, yaw, where odometry begins. laser_m:
-    (3,) the laser in base_link. Raises OSError if the file cannot be opened. A later failure to
-    write is reported once, and the run goes on unrecorded.
+    shapes, bodies: what is to be seen (see ``scene_shapes``). bounds_m: (4,) of the arena. goal:
+    (2,) in map. start: (3,) x, y, yaw, where odometry begins. laser_m: (3,) the laser in base_link;
+    camera_m: (3,) the camera, if there is one. Raises OSError if the file cannot be opened. A later
+    failure to write is reported once, and the run goes on unrecorded.
     """
 
     def __init__(
@@ -106,6 +108,7 @@ class RerunRecorder:
         laser_m: Sequence[float] | FloatArray = (0.0, 0.0, 0.2),
         vehicle: VehicleConfig | None = None,
         title: str = "",
+        camera_m: FloatArray | None = None,
     ) -> None:
         self._path = Path(path)
         with open(self._path, "ab"):  # before the library is asked, whose refusal is no OSError
@@ -126,14 +129,16 @@ class RerunRecorder:
         self._stream = rr.RecordingStream("simloop")
         self._stream.set_log_time_enabled(False)
         self._stream.set_log_tick_enabled(False)
+        sight = None if camera_m is None else CAMERA
         try:
-            self._stream.save(self._path, make_blueprint(bounds_m, TIMELINE))
+            self._stream.save(self._path, make_blueprint(bounds_m, TIMELINE, sight))
         except RuntimeError as error:
             self._stream.disconnect()
             raise OSError(f"cannot record to {self._path}: {error}") from None
         if title:
             self._stream.send_recording_name(title)
-        log_scene(self._stream, shapes, bodies, np.array(goal[:2], float), laser_m, self._vehicle)
+        mounts = (laser_m, camera_m)
+        log_scene(self._stream, shapes, bodies, np.array(goal[:2], float), mounts, self._vehicle)
         self._name_series()
 
     def offer(self, message: Message) -> None:
@@ -167,6 +172,8 @@ class RerunRecorder:
         self._write_derived(kept[Truth], kept[Estimate], kept[TrackCommand])
         self._write_poses(kept[Truth], kept[Estimate], kept[Frames])
         self._write_scans(kept[LidarScan])
+        self._write_images(kept[DepthImage])
+        self._write_low(kept[LowObstacles])
         self._write_loose(kept[LooseTruth])
         self._write_movers(kept[MoverTracks])
         self._write_goals(kept[GoalReading])
@@ -353,21 +360,20 @@ class RerunRecorder:
             self._send_strips(f"{MAP}/path", [p.t_ns for p in paths], rows, 0.03)
 
     def _write_map(self, grid: MapUpdate) -> None:
-        rr, (rows, columns) = self._rr, grid.log_odds.shape
         self._stream.set_time(TIMELINE, duration=np.timedelta64(grid.t_ns, "ns"))
-        self._stream.log(
-            f"{MAP}/occupancy",
-            rr.GridMap(
-                data=occupancy_percent(grid.log_odds)[::-1].tobytes(),  # an image's first row is up
-                format=rr.components.ImageFormat(
-                    width=columns, height=rows, color_model="L", channel_datatype="U8"
-                ),
-                cell_size=grid.resolution_m,
-                translation=[*grid.origin_m, 0.004],
-                opacity=0.85,
-                colormap=rr.components.Colormap.RvizMap,
-            ),
-        )
+        self._stream.log(f"{MAP}/occupancy", occupancy(grid))
+
+    def _write_images(self, images: list[DepthImage]) -> None:
+        if images:
+            self._stream.log(CAMERA, pinhole(images[0]), static=True)
+            self._send(f"{CAMERA}/depth", [i.t_ns for i in images], depth_columns(images))
+
+    def _write_low(self, seen: list[LowObstacles]) -> None:
+        if seen:
+            points = lifted(np.concatenate([s.surfaces_m for s in seen]), 0.05)
+            columns = self._rr.Points3D.columns(positions=points)
+            lengths = [len(s.surfaces_m) for s in seen]
+            self._send(f"{MAP}/low_obstacles", [s.t_ns for s in seen], columns.partition(lengths))
 
     def _write_events(
         self, events: list[Event], plans: list[Plan], commands: list[TrackCommand]

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 MAP = "map"
 ODOM = "map/odom"
 BASE = "map/odom/base_link"
+CAMERA = f"{BASE}/camera"
 
 _LINES = {
     f"{MAP}/plan/candidates": ([170, 196, 222], 0.004),
@@ -35,6 +36,7 @@ _LINES = {
 _POINTS = {
     f"{MAP}/plan/waypoints": ([160, 60, 168], 0.02),
     f"{BASE}/laser/scan": ([214, 48, 48], 0.012),
+    f"{MAP}/low_obstacles": ([128, 60, 20], 0.02),
 }
 
 
@@ -43,17 +45,22 @@ def log_scene(
     shapes: Sequence[Shape],
     bodies: Sequence[Body],
     goal: FloatArray,
-    laser_m: Sequence[float] | FloatArray,
+    mounts: tuple[Sequence[float] | FloatArray, FloatArray | None],
     vehicle: VehicleConfig,
 ) -> None:
-    """Log frames, shapes, styles and the goal, all of them static."""
+    """Log frames, shapes, styles and the goal, all of them static.
+
+    mounts: (3,) of the laser in base_link, and of the camera, if there is one.
+    """
     import rerun as rr
 
     def log(entity: str, *what: Any) -> None:
         stream.log(entity, *what, static=True)
 
     log(MAP, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-    log(f"{BASE}/laser", rr.Transform3D(translation=laser_m))
+    for entity, place in zip((f"{BASE}/laser", CAMERA), mounts, strict=True):
+        if place is not None:
+            log(entity, rr.Transform3D(translation=place))
     homes = {"world": f"{MAP}/arena", "base_link": BASE}
     for body in bodies:
         if body.name not in homes:
