@@ -24,7 +24,7 @@ from simloop.world import build_world
 _STEADY_S, _STOP_S = 2.0, 3.0
 _GAUGE_RATIO = 1.23
 CASES = {
-    "straight, 0.45 m/s": (0.45, 0.0),
+    "straight, 0.47 m/s": (0.47, 0.0),
     "a bend, 0.35 m/s and 0.6 rad/s": (0.35, 0.6),
     "on the spot, 1.6 rad/s": (0.0, 1.6),
     "backwards, 0.12 m/s": (-0.12, 0.0),

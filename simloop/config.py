@@ -322,8 +322,8 @@ class TrackerConfig:
     safety distance, full speed open_clearance_m further out) and by braking before the end.
     """
 
-    max_speed_mps: Positive = 0.45
-    max_track_speed_mps: Positive = 0.47
+    max_speed_mps: Positive = 0.47
+    max_track_speed_mps: Positive = 0.49
     max_yaw_rate_radps: Positive = 1.6
     max_accel_mps2: Positive = 0.8
     max_decel_mps2: Positive = 0.6

@@ -240,7 +240,8 @@ class MoverTracks(_Message):
     """Things that the robot has seen move, as discs in map at ``t_ns``.
 
     number: (n,) int64, the same for the same thing. position_m, velocity_mps: (n, 2); radius_m:
-    (n,) of what was seen of it; std_m: (n,) of its place, one axis.
+    (n,) of what was seen of it; std_m: (n,) of its place, one axis. pace_mps: (n,) the fastest
+    that it went of late: what has just stopped may set off again.
     """
 
     t_ns: int
@@ -249,6 +250,7 @@ class MoverTracks(_Message):
     velocity_mps: FloatArray
     radius_m: FloatArray
     std_m: FloatArray
+    pace_mps: FloatArray
 
     def places_at(self, t_ns: int) -> FloatArray:
         """(n, 2) where they are at another instant if they go on as they go."""

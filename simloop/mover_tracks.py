@@ -30,6 +30,7 @@ _LOST_NS = 800_000_000
 _STANDS_MPS, _STANDS_NS = 0.06, 2_500_000_000
 _PLACE_STD_M, _SPEED_STD_MPS = 0.04, 0.5
 _ACCELERATION_MPS2 = 1.0
+_FORGETS_MPS2 = 0.25  # of the pace that it had
 _GATE_M, _GATE_SIGMAS = 0.25, 3.0
 _LEAST_RADIUS_M, _SHRINKS, _SWELLS_M = 0.08, 0.98, 0.03
 _ABOUT_M = 0.12  # round a track's disc, what of a scan is its
@@ -76,13 +77,14 @@ class _Thing:
 
 
 class _Track(ConstantVelocity):
-    """``confirmed``: seen often enough, and come far enough, to be believed."""
+    """``confirmed``: seen often enough, and come far enough, to be believed; ``pace``: m/s, the
+    fastest of late."""
 
     def __init__(self, number: int, thing: _Thing, t_ns: int) -> None:
         super().__init__(thing.centre, t_ns, _PLACE_STD_M, _SPEED_STD_MPS, _ACCELERATION_MPS2)
         self.number, self.radius = number, max(thing.radius, _LEAST_RADIUS_M)
         self.seen_ns = self.moved_ns = t_ns
-        self.confirmed = False
+        self.confirmed, self.pace = False, 0.0
         self._sightings, self._founded_m = 1, thing.centre
 
     def take(self, thing: _Thing, t_ns: int) -> None:
@@ -92,10 +94,12 @@ class _Track(ConstantVelocity):
         self.confirmed |= (
             self._sightings >= _CONFIRMED and math.dist(self.place, self._founded_m) > _COME_M
         )
+        speed = math.hypot(*self.velocity)
+        self.pace = max(speed, self.pace - 1e-9 * (t_ns - self.seen_ns) * _FORGETS_MPS2)
         self.seen_ns = t_ns
         seen = min(thing.radius, self.radius + _SWELLS_M)
         self.radius = max(_SHRINKS * self.radius, seen, _LEAST_RADIUS_M)
-        if math.hypot(*self.velocity) > _STANDS_MPS:
+        if speed > _STANDS_MPS:
             self.moved_ns = t_ns
 
 
@@ -173,6 +177,7 @@ class MoverWatch:
             np.array([track.velocity for track in sure]),
             np.array([track.radius for track in sure]),
             np.array([track.std_m for track in sure]),
+            np.array([track.pace for track in sure]),
         )
 
 

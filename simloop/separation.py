@@ -28,6 +28,9 @@ _FORESEEN_S, _LOOK_S = 1.5, 0.1
 _THREAT_M, _WORTH_M = 0.10, 0.05
 _DODGES_MPS, _DODGES_RADPS = (-0.4, -0.2, 0.2, 0.4), (0.0, 0.6, -0.6, 1.2, -1.2)
 _STALE_NS = 600_000_000  # since movers were last looked for: with no news it is best to stand
+_RESTLESS_S = 0.2  # a standing robot needs to get under way
+_STANDING_NS = 50_000_000  # so long told to stand, it does
+_PATIENCE_NS = 3_000_000_000  # for ever it cannot stand, where something is thrown back and forth
 _KEEP_NS = 300_000_000  # how long a dodge is kept to
 
 
@@ -117,6 +120,19 @@ def least_gap(
     return least
 
 
+def is_restless(
+    pose: FloatArray, movers: FloatArray, tracks: MoverTracks, limits: FloatArray
+) -> bool:
+    """Whether something that moved of late is so near to a robot that stands at ``pose`` (3,) that
+    it may be at its side before that has got away: better to stand, and be touched standing.
+
+    movers, (n, 7), and limits as of ``safe_part``, the former made of the tracks.
+    """
+    gaps = np.array([gap_after(pose, 0.0, 0.0, 0.0, mover, limits[3:5]) for mover in movers])
+    near = gaps < limits[5] + _RESTLESS_S * tracks.pace_mps
+    return bool((near & (tracks.pace_mps > _STANDS_MPS)).any())
+
+
 class Separation:
     """Holds a body velocity back for what moves, and gets out of its way."""
 
@@ -126,6 +142,7 @@ class Separation:
         self._monitor = monitor
         self._limits = stopping_limits(config, vehicle, _DECELERATION_MPS2, _MARGIN_M)
         self._dodge, self._dodge_ns = (0.0, 0.0), 0
+        self._moved_ns = 0
 
     def allow(
         self,
@@ -135,6 +152,21 @@ class Separation:
         tracks: MoverTracks | None,
         t_ns: int,
         dodges: bool = True,
+    ) -> tuple[float, float, str]:
+        """As ``_allow``; it remembers since when the robot has been told to stand."""
+        told = self._allow(speed, rate, pose, tracks, t_ns, dodges)
+        if told[0] != 0.0 or told[1] != 0.0:
+            self._moved_ns = t_ns
+        return told
+
+    def _allow(
+        self,
+        speed: float,
+        rate: float,
+        pose: FloatArray,
+        tracks: MoverTracks | None,
+        t_ns: int,
+        dodges: bool,
     ) -> tuple[float, float, str]:
         """The velocity, m/s and rad/s, that is safe at ``pose`` (3,) among what moves, and its
         mode: none where it is the one asked for, ``yield`` for a part of it, or ``dodge``.
@@ -146,9 +178,14 @@ class Separation:
         if t_ns - tracks.t_ns > _STALE_NS:
             return 0.0, 0.0, "yield"
         movers = discs_at(tracks, t_ns)
+        stood_ns = t_ns - self._moved_ns
+        restless = stood_ns > _STANDING_NS and is_restless(pose, movers, tracks, self._limits)
+        if restless and stood_ns < _PATIENCE_NS:
+            return 0.0, 0.0, "yield"
         part = safe_part(pose, speed, rate, movers, self._limits)
         little = abs(speed) * part < _LITTLE_MPS and abs(rate) * part < _LITTLE_RADPS
-        if dodges and little and (dodge := self._aside(pose, movers, t_ns)) is not None:
+        dodge = self._aside(pose, movers, t_ns) if dodges and little and not restless else None
+        if dodge is not None:
             return *dodge, "dodge"
         moves = speed != 0.0 or rate != 0.0
         return speed * part, rate * part, "yield" if moves and part < 1.0 else ""

@@ -48,7 +48,7 @@ def tracks_of(*rows, t_ns=0):
     table = np.array(rows, float)
     return MoverTracks(
         t_ns, np.arange(len(rows)), table[:, :2].copy(), table[:, 2:4].copy(),
-        table[:, 4].copy(), np.zeros(len(rows)),
+        table[:, 4].copy(), np.zeros(len(rows)), np.hypot(*table[:, 2:4].T),
     )  # fmt: skip
 
 
@@ -215,6 +215,43 @@ def test_it_drives_on_yields_dodges_and_stands_without_news():
     assert dodged > least_gap(pose, 0.0, 0.0, discs_at(coming, 0), HALF, 1.5) + 0.04
     assert separation().allow(0.0, 0.0, pose, coming, 0, False) == (0.0, 0.0, "")
     assert separation().allow(0.4, 0.0, pose, far, 10**9) == (0.0, 0.0, "yield")
+
+
+def stands_beside(tracks, seconds, asked=(0.3, 0.0)):
+    """What a robot is told that has stood for some seconds, with tracks about it."""
+    held = separation()
+    held.allow(0.3, 0.0, np.zeros(3), None, 10**10)
+    t_ns = 10**10 + round(seconds * 1e9)
+    return held.allow(*asked, np.zeros(3), replace(tracks, t_ns=t_ns), t_ns)
+
+
+def test_beside_what_has_just_stopped_it_stands_a_while_but_not_for_ever():
+    # At its side, where it will not be run into by going straight on: not moving now, but of late.
+    beside = tracks_of((-0.1, 0.55, 0.0, 0.0, 0.2))
+    lively = replace(beside, pace_mps=np.array([0.4]))
+    assert stands_beside(lively, 0.5) == (0.0, 0.0, "yield")
+    assert stands_beside(lively, 3.5)[0] > 0.0
+    assert stands_beside(beside, 0.5)[0] > 0.0
+    off = tracks_of((-0.1, 0.8, 0.0, 0.0, 0.2))
+    assert stands_beside(replace(off, pace_mps=np.array([0.4])), 0.5)[0] > 0.0
+    # On the move it is not stopped by it.
+    moving = separation()
+    moving.allow(0.3, 0.0, np.zeros(3), None, 10**10)
+    assert moving.allow(0.3, 0.0, np.zeros(3), replace(lively, t_ns=10**10), 10**10)[0] > 0.0
+
+
+def test_what_stops_keeps_its_pace_for_a_while():
+    watch, paces = MoverWatch(), []
+    for k in range(80):
+        x = 1.0 + 0.04 * min(k, 30)
+        points = room_scan(np.zeros(2), [(x, 0.5, 0.2)])
+        watch.look(points, np.zeros(2), np.zeros(3), k * SCAN_NS)
+        if watch.tracks is not None:
+            paces.append((k, float(watch.tracks.pace_mps.max())))
+    told = dict(paces)
+    assert told[30] == pytest.approx(0.4, abs=0.08)
+    assert told[34] > 0.2
+    assert told[45] < 0.12
 
 
 def test_a_goal_is_met_where_it_will_be():

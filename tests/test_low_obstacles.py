@@ -295,7 +295,8 @@ def test_a_wall_that_the_scan_shows_is_left_to_it_and_a_kerb_before_it_is_not():
 
 def test_what_moves_is_left_out_and_makes_what_is_remembered_fade():
     here = MoverTracks(
-        0, np.arange(1), np.array([[1.1, 0.0]]), np.zeros((1, 2)), np.array([0.3]), np.zeros(1)
+        0, np.arange(1), np.array([[1.1, 0.0]]), np.zeros((1, 2)), np.array([0.3]),
+        np.zeros(1), np.zeros(1),
     )  # fmt: skip
     assert len(seen(Shapes(block(1.0, y=(-0.1, 0.1))), movers=here).surfaces_m) == 0
     elsewhere = replace(here, position_m=np.array([[9.0, 9.0]]))
