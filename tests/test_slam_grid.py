@@ -49,7 +49,7 @@ def match(slam, room, true, prior, seed=1, sd=0.01):
     return slam.match(scan, np.array([10**9]), prior[None], prior, covariance)
 
 
-def plain_trace(points, origins, pose, grid, number, config=CONFIG):
+def plain_trace(points, origins, through, pose, grid, number, config=CONFIG):
     """The oracle: every cell that a beam's segment crosses, found cell by cell."""
     x0, y0, odds, hits, stamp, occupied = grid
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
@@ -57,15 +57,17 @@ def plain_trace(points, origins, pose, grid, number, config=CONFIG):
     ends = points @ rotation.T + pose[:2] - [x0, y0]
     starts = origins @ rotation.T + pose[:2] - [x0, y0]
     before = occupied.copy()
-    for x, y in ends:
+    for x, y in ends[~through]:
         cell = (math.floor(y / config.resolution_m), math.floor(x / config.resolution_m))
         hits[cell] += (x, y, 1.0)
         if stamp[cell] != number:
             stamp[cell] = number
             odds[cell] = min(config.max_log_odds, odds[cell] + config.hit_log_odds)
-    for a, b in zip(starts / config.resolution_m, ends / config.resolution_m, strict=True):
+    beams = zip(starts / config.resolution_m, ends / config.resolution_m, through, strict=True)
+    for a, b, met_nothing in beams:
         length = math.dist(a, b)
-        if length < 3.0:
+        last = length if met_nothing else length - 2.0
+        if last < 1.0:
             continue
         direction = (b - a) / length
         # Cut the segment where it crosses the grid's lines; each piece lies in one cell.
@@ -77,7 +79,7 @@ def plain_trace(points, origins, pose, grid, number, config=CONFIG):
                 cuts += [t for t in (lines - a[axis]) / direction[axis] if 0 < t < length]
         cuts = sorted(cuts)
         for start, end in zip(cuts, [*cuts[1:], length], strict=True):
-            if start >= length - 2.0:
+            if start >= last:
                 break
             middle = a + 0.5 * (start + end) * direction
             cell = (math.floor(middle[1]), math.floor(middle[0]))
@@ -120,18 +122,19 @@ def test_tracing_a_scan_is_what_the_plain_twin_does(seed):
         pose = np.array([*rng.uniform(-0.2, 0.2, 2), rng.uniform(-3, 3)])
         points = rng.uniform(-1.0, 1.0, (40, 2))
         origins = rng.uniform(-0.02, 0.02, (40, 2))
+        through = rng.random(40) < rng.choice([0.0, 0.3])
         odds, hits, stamp, occupied = fast
         found, share = trace_scan(
-            points, origins, pose, x0, y0, CONFIG.resolution_m, odds, hits, stamp, occupied, number,
-            CONFIG.hit_log_odds, CONFIG.miss_log_odds, CONFIG.max_log_odds,
+            points, origins, through, pose, x0, y0, CONFIG.resolution_m, odds, hits, stamp,
+            occupied, number, CONFIG.hit_log_odds, CONFIG.miss_log_odds, CONFIG.max_log_odds,
             CONFIG.occupied_log_odds,
         )  # fmt: skip
-        expected = plain_trace(points, origins, pose, (x0, y0, *slow), number)
+        expected = plain_trace(points, origins, through, pose, (x0, y0, *slow), number)
         np.testing.assert_allclose(odds, slow[0], atol=1e-5)
         np.testing.assert_allclose(hits, slow[1], atol=1e-9)
         np.testing.assert_array_equal(occupied, slow[3])
         assert len(found) == len(expected)
-        assert share == pytest.approx(len(expected) / cells_of(points, pose, (x0, y0)))
+        assert share == pytest.approx(len(expected) / cells_of(points[~through], pose, (x0, y0)))
         if expected:
             np.testing.assert_allclose(sorted(map(tuple, found)), sorted(expected), atol=1e-9)
 
