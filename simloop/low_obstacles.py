@@ -77,13 +77,13 @@ def in_the_way(
                 continue
             if z[row] < step:
                 ground = max(ground, far)
-            elif far < nearest and far <= reach:
-                under = row + 1 < rows and before > far + _EDGE_M
+            elif far <= reach and (far < nearest or before < free):
+                under = row + 1 < rows and before > far
                 hangs = under and camera_m + high[row + 1] * far < height <= z[row]
                 if hangs or (z[row] <= height and _climbs(depth, z, row, col, step, slope)):
                     free = min(free, before, far)
                     if far - before < _EDGE_M:
-                        nearest = far
+                        nearest = min(nearest, far)
             before = far
         found[col, 0], found[col, 1] = nearest, min(ground, free)
         for row in range(rows):

@@ -167,22 +167,15 @@ def plain_in_the_way(depth, high, camera_m, limits):
             climbs = z[r] <= height and any(
                 z[r] - z[b] >= max(step, slope * abs(column[r] - column[b])) for b in lower
             )
-            under = r + 1 < len(column) and before > column[r] + 0.04
+            under = r + 1 < len(column) and before > column[r]
             hangs = under and camera_m + high[r + 1] * column[r] < height <= z[r]
             if climbs or hangs:
                 marks.append((column[r], before))
         sure = [far for far, before in marks if far - before < 0.04]
-        free = min(
-            [
-                max(ground),
-                *(
-                    min(pair)
-                    for pair in marks
-                    if pair[0] < min(sure, default=9e9) or pair[0] in sure
-                ),
-            ]
-        )
-        found.append((min(sure, default=np.inf), free))
+        free = min([max(ground), *(min(pair) for pair in marks)])
+        at_it = np.abs(column - min(sure, default=-9.0)) < 0.04
+        top = max([0.0, *z[at_it]])
+        found.append((min(sure, default=np.inf), free, top))
     return np.array(found)
 
 
@@ -196,8 +189,8 @@ def test_the_kernel_is_its_plain_twin(seed, things, ramp):
     config = replace(CLEAN, noise_1pm=0.002, dropout=0.05)
     image = image_of(Shapes(*boxes, ramp=ramp), config, seed=seed)
     depth = image.depth_m.astype(float)
-    nearest, _, _ = in_the_way(image.depth_m, ROWS, MOUNT[2], LIMITS).T
-    assert nearest == pytest.approx(plain_in_the_way(depth, ROWS, MOUNT[2], LIMITS)[:, 0])
+    found = in_the_way(image.depth_m, ROWS, MOUNT[2], LIMITS)
+    assert found == pytest.approx(plain_in_the_way(depth, ROWS, MOUNT[2], LIMITS))
 
 
 @given(st.floats(0.0, 0.35), seeds)

@@ -14,7 +14,7 @@ import pytest
 from synthetic_run import GOAL, OFF, SyntheticRun
 
 from simloop.arena import bounds_of, build
-from simloop.messages import MapUpdate, Plan, Truth, WorldView
+from simloop.messages import DepthImage, LowObstacles, MapUpdate, Plan, Truth, WorldView
 from simloop.odometry import compose_all
 from simloop.record_columns import ellipses, nees, occupancy_percent
 from simloop.recorder import TIMELINE, NullRecorder, RerunRecorder
@@ -258,6 +258,30 @@ def test_messages_without_discs_or_candidates_are_recorded(tmp_path: Path) -> No
     found = read(tmp_path / "bare.rrd")
     assert [r[0] for r in column(found["/events"], "TextLog:level")[1]] == ["WARN"]
     assert [len(r) for r in column(found["/map/obstacle_discs"], "LineStrips3D:strips")[1]] == [0]
+
+
+def test_a_cameras_images_and_what_is_remembered_of_them_are_there(tmp_path: Path) -> None:
+    path, mount = tmp_path / "seen.rrd", np.array([0.2, 0.0, 0.16])
+    recorder = RerunRecorder(
+        path, scene_shapes(MODEL), scene_bodies(MODEL), bounds_of(MODEL), GOAL, camera_m=mount
+    )
+    depth = np.linspace(0.2, 3.0, 12, dtype=np.float32).reshape(3, 4)
+    depth[0, 0] = np.inf
+    for k in range(2):
+        recorder.offer(DepthImage(k * 10**8, depth + np.float32(k), np.array([5.0, 6.0])))
+        recorder.offer(LowObstacles(k * 10**8, np.arange(2.0 * k).reshape(k, 2)))
+    recorder.close()
+    tables = read(path)
+    camera = "/map/odom/base_link/camera"
+    times, buffers = column(tables[f"{camera}/depth"], "DepthImage:buffer")
+    assert times.tolist() == [0, 10**8]
+    second = np.frombuffer(bytes(buffers[1][0]), np.float32).reshape(3, 4)
+    assert second[0, 0] == 0.0
+    assert second[1:] == pytest.approx(depth[1:] + 1.0)
+    names = {name for table in tables[camera] for name in table.schema.names}
+    assert {"Transform3D:translation", "Pinhole:image_from_camera"} <= names
+    _, places = column(tables["/map/low_obstacles"], "Points3D:positions")
+    assert [len(p) for p in places] == [0, 1]
 
 
 def test_the_library_is_not_loaded_before_it_is_asked_for() -> None:
