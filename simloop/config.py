@@ -352,11 +352,13 @@ class WatchdogConfig:
 
     path_frames: frames of the planner (rates.plan_s) after which the robot stops on a path that
     no newer one has followed. estimate_s: by which the estimate may lag behind the robot's beat.
+    image_s: without an image of the depth camera, where there is one.
     unheard_mps: speed while neither belt's counts are to be had.
     """
 
     path_frames: Annotated[float, Field(ge=1.0, le=1e6)] = 3.0
     estimate_s: Positive = 0.05
+    image_s: Positive = 0.5
     unheard_mps: Positive = 0.15
 
 
@@ -386,4 +388,6 @@ class Config:
         if self.camera.enabled:
             period, beat = self.camera.period_s, self.rates.control_s
             check_multiple("camera.period_s", period, "rates.control_s", beat)
+            if period >= self.watchdog.image_s:
+                raise reject(f"camera.period_s = {period:g} s is not below watchdog.image_s")
         return self

@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Field, model_validator
 from pydantic.dataclasses import dataclass
 
-from simloop.messages import EncoderReading, FloatArray, ImuReading, LidarScan, Truth
+from simloop.messages import DepthImage, EncoderReading, FloatArray, ImuReading, LidarScan, Truth
 from simloop.obstacles import Coordinate, Point
 from simloop.quantities import STRICT, has_area
 from simloop.sensors import RayCaster
@@ -30,6 +30,7 @@ Kind = Literal[
     "glass",
     "lidar_silent",
     "lidar_late",
+    "camera_silent",
     "ice",
     "pushed",
     "kidnapped",
@@ -45,6 +46,7 @@ _KEYS: dict[str, tuple[str, ...]] = {
     "glass": ("min_m", "max_m"),
     "lidar_silent": (),
     "lidar_late": ("delay_s",),
+    "camera_silent": (),
     "ice": ("side", "friction"),
     "pushed": ("shift_m",),
     "kidnapped": ("to",),
@@ -191,6 +193,10 @@ class Faults:
         if scan is None and self._late and self._late[0][0] <= t_ns:
             scan = self._late.pop(0)[1]
         return scan
+
+    def image(self, image: DepthImage | None, t_ns: int) -> DepthImage | None:
+        """What the robot sees of the depth camera's images at an instant."""
+        return None if any(f.on(t_ns) for f in self._of("camera_silent")) else image
 
     def rays(self, world: RayCaster) -> RayCaster:
         """The world as the LiDAR's beams meet it."""

@@ -132,7 +132,7 @@ class Simulation:
                 imu = faults.imu(self._imu.read(truth))
                 faults.at(truth.t_ns)
                 scan = faults.scan(self._sweep(before, truth, self._rays), truth.t_ns)
-                image = self._shoot(truth, self.plant)
+                image = faults.image(self._shoot(truth, self.plant), truth.t_ns)
                 command = self.robot.step(encoders, imu, scan, goal, image)
                 voltage = command.voltage_v
                 heard = self._heard(scan, goal, image)

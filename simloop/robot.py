@@ -102,7 +102,7 @@ class Robot:
         self._plan: Plan | None = None
         self._pending: tuple[int, Plan, Smoother, WorldView] | None = None
         self._counts, self._sprocket_radps = StandingCounts(), np.zeros(2)
-        self._planned_ns = self._path_ns = 0
+        self._planned_ns = self._path_ns = self._image_ns = 0
         self._driven = self._yields = False
         self._unchecked: list[FloatArray] = []
         self._offsets = np.array(vehicle.footprint_offsets_m)
@@ -181,6 +181,7 @@ class Robot:
 
     def _look_low(self, image: DepthImage, estimate: Estimate) -> None:
         """Enter a depth image of this instant, if it is known from where it was taken."""
+        self._image_ns = image.t_ns
         if self._low is None or self._localiser.health.said.halts:
             return
         with self._time["slam"]:
@@ -348,7 +349,9 @@ class Robot:
         tracker = self._tracker
         followed = tracker.path is not None and not (tracker.arrived or self._recovery.active)
         reasons = self._localiser.health.said.reasons
-        event = self._watchdog.look(estimate.t_ns, reasons, self._path_ns if followed else None)
+        path_ns = self._path_ns if followed else None
+        image_ns = None if self._low is None else self._image_ns
+        event = self._watchdog.look(estimate.t_ns, reasons, path_ns, image_ns)
         if event is not None:
             self._say(event)
 

@@ -14,6 +14,7 @@ from simloop.messages import EncoderReading, Event, FloatArray
 
 OLD_PATH = "no new path from the planner"
 DEAF = "neither counts nor imu readings"
+BLIND = "no image from the camera"
 LATE = "the estimate lags behind"
 NO_BELTS = "no belt is heard"
 _BOTH_BELTS = {LEFT_BELT, RIGHT_BELT}
@@ -61,6 +62,7 @@ class Watchdog:
         self._config, self._period_ns = config, round(rates.control_s * 1e9)
         self._path_ns = round(config.path_frames * rates.plan_s * 1e9)
         self._late_ns = round(config.estimate_s * 1e9)
+        self._image_ns = round(config.image_s * 1e9)
         # At least as hard as the monitor takes it to brake, so that what that let through is safe.
         self._slow_down = 2.0 * tracker.max_decel_mps2 * rates.control_s
         self._turn_down = tracker.max_yaw_accel_radps2 * rates.control_s
@@ -74,14 +76,21 @@ class Watchdog:
         """Whether it lets nothing through but braking."""
         return self.cause not in ("", NO_BELTS)
 
-    def look(self, t_ns: int, reasons: tuple[str, ...], path_ns: int | None) -> Event | None:
+    def look(
+        self,
+        t_ns: int,
+        reasons: tuple[str, ...],
+        path_ns: int | None,
+        image_ns: int | None = None,
+    ) -> Event | None:
         """What there is to say in a period.
 
         t_ns: the estimate's stamp; reasons: ``Health.reasons``; path_ns: when the path that is
-        followed was taken up, or None without one.
+        followed was taken up, or None without one; image_ns: of the last image, or None without a
+        camera.
         """
         self._beat_ns = t_ns if self._beat_ns is None else self._beat_ns + self._period_ns
-        cause = self._why(t_ns, reasons, path_ns)
+        cause = self._why(t_ns, reasons, path_ns, image_ns)
         if cause == self.cause:
             return None
         self.cause = cause
@@ -103,12 +112,16 @@ class Watchdog:
         self._last = (part * speed, part * rate) if part < 1.0 else (speed, rate)
         return self._last
 
-    def _why(self, t_ns: int, reasons: tuple[str, ...], path_ns: int | None) -> str:
+    def _why(
+        self, t_ns: int, reasons: tuple[str, ...], path_ns: int | None, image_ns: int | None
+    ) -> str:
         assert self._beat_ns is not None
         if self._beat_ns - t_ns > self._late_ns:
             return LATE
         if path_ns is not None and t_ns - path_ns > self._path_ns:
             return OLD_PATH
+        if image_ns is not None and t_ns - image_ns > self._image_ns:
+            return BLIND
         if NO_COUNTS in reasons:
             return DEAF if NO_IMU in reasons else NO_BELTS
         return NO_BELTS if _BOTH_BELTS.issubset(reasons) else ""

@@ -18,11 +18,12 @@ from simloop.depth_camera import DepthCamera
 from simloop.grid_map import GridMap
 from simloop.loop import Simulation
 from simloop.low_obstacles import LowObstacleMap, in_the_way, looking_ahead, seen_too
-from simloop.messages import DepthImage, LowObstacles, MoverTracks
+from simloop.messages import DepthImage, Event, LowObstacles, MoverTracks, Truth
 from simloop.monitor import CollisionMonitor
 from simloop.obstacles import Obstacle
 from simloop.plant import Plant
 from simloop.scenario import load
+from simloop.watchdog import BLIND
 
 MOUNT = np.array([0.205, 0.0, 0.158])
 CLEAN = CameraConfig(enabled=True, noise_1pm=0.0, dropout=0.0)
@@ -360,6 +361,8 @@ def test_a_camera_out_of_step_or_that_cannot_see_is_refused():
     with pytest.raises(ValidationError, match=r"camera\.period_s .* rates\.control_s"):
         Config(camera=CameraConfig(enabled=True, period_s=0.105))
     assert Config(camera=CameraConfig(period_s=0.105)).rates == RatesConfig()
+    with pytest.raises(ValidationError, match=r"camera\.period_s .* watchdog\.image_s"):
+        Config(camera=CameraConfig(enabled=True, period_s=0.5))
     with pytest.raises(ValidationError, match=r"camera\.range_min_m .* camera\.range_max_m"):
         CameraConfig(range_min_m=2.0, range_max_m=1.0)
 
@@ -379,6 +382,18 @@ def test_without_the_camera_it_collides_and_with_it_arrives():
     assert max(len(m.surfaces_m) for m in heard if isinstance(m, LowObstacles)) > 20
     again = Simulation(load("low", seed=0)).run()
     assert again.metrics["state_hash"] == run.metrics["state_hash"]
+
+
+def test_without_images_it_stops_and_goes_on_when_they_come_again():
+    heard = []
+    fault = ['faults=[{kind="camera_silent", at_s=3.0, for_s=3.0}]']
+    run = Simulation(load("low", fault, seed=3), listeners=[heard.append]).run()
+    assert run.outcome == "reached"
+    speeds = [(m.t_ns, abs(m.velocity_body[0])) for m in heard if isinstance(m, Truth)]
+    assert max(v for t, v in speeds if 4.2e9 < t < 6.0e9) < 0.01
+    assert max(v for t, v in speeds if t < 3.0e9) > 0.3
+    said = [m.text for m in heard if isinstance(m, Event) and m.text.startswith("watchdog")]
+    assert said == [f"watchdog: {BLIND}, stopping", "watchdog: all is fresh again, going on"]
 
 
 @pytest.mark.slow
