@@ -54,14 +54,16 @@ def seen_through(
         far = math.hypot(dx, dy)
         if moved[i] or far > _FAR_M:
             continue
-        bearing = _bin(dx, dy)
+        bearing, enough = _bin(dx, dy), far * (1.0 + _MARGIN_SHARE) + _MARGIN_M
+        if not reach[bearing] > enough:
+            continue  # as mostly, and soon told
         least, known = np.inf, 0
         window = _WINDOW + int(_WANDERS_M / max(far, 0.05) * _BINS / (2.0 * math.pi))
         for k in range(-window, window + 1):
             there = reach[(bearing + k) % _BINS]
             known += np.isfinite(there)
             least = min(least, there)
-        if known >= _LEAST_KNOWN and least > far * (1.0 + _MARGIN_SHARE) + _MARGIN_M:
+        if known >= _LEAST_KNOWN and least > enough:
             moved[i] = True
 
 

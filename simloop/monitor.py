@@ -86,6 +86,18 @@ def steadied(points: FloatArray, window: int, apart: float) -> FloatArray:
 
 
 @njit(cache=True)
+def nearer_than(points: FloatArray, reach: float) -> FloatArray:
+    """(k, 2) of the points (n, 2), in their place: those no farther than ``reach`` m from the
+    origin."""
+    k = 0
+    for i in range(points.shape[0]):
+        if points[i, 0] ** 2 + points[i, 1] ** 2 <= reach * reach:
+            points[k] = points[i]
+            k += 1
+    return points[:k]
+
+
+@njit(cache=True)
 def near_points(points: FloatArray, pose: FloatArray, near_m: float) -> FloatArray:
     """(k, 2) in map, of points (n, 2) seen from ``pose`` (3,): those within ``near_m``."""
     out, k = np.empty_like(points), 0
@@ -219,10 +231,11 @@ def allowed_part(
     reaction, brake, yaw_brake, half_length, half_width, margin = limits
     braking = max(abs(speed) / brake, abs(yaw_rate) / yaw_brake)
     horizon = reaction + 0.5 * braking
-    near = points_in(pose, seen_from, points)
-    free = horizon * free_fraction(
-        near, speed * horizon, yaw_rate * horizon, half_length, half_width, margin
-    )
+    ahead, turned = speed * horizon, yaw_rate * horizon
+    # No part of the footprint gets farther than this from where it is now.
+    reach = abs(ahead) + math.hypot(half_length, half_width) + margin
+    near = nearer_than(points_in(pose, seen_from, points), reach)
+    free = horizon * free_fraction(near, ahead, turned, half_length, half_width, margin)
     if free >= horizon:
         return 1.0
     part = (math.sqrt(reaction**2 + 2.0 * braking * free) - reaction) / max(braking, 1e-9)

@@ -101,14 +101,15 @@ class Watchdog:
 
     def limit(self, speed: float, rate: float) -> tuple[float, float]:
         """What is let through of a velocity, m/s and rad/s: a part of it, on the same arc."""
-        part = 1.0
-        if self.cause:
-            most = 0.0 if self.stops else self._config.unheard_mps
-            speed_now = max(most, abs(self._last[0]) - self._slow_down)
-            rate_now = max(most * self._rate_a_speed, abs(self._last[1]) - self._turn_down)
-            for asked, now in ((speed, speed_now), (rate, rate_now)):
-                if abs(asked) > now:
-                    part = min(part, now / abs(asked))
+        if not self.cause:
+            self._last = speed, rate
+            return self._last
+        part, most = 1.0, 0.0 if self.stops else self._config.unheard_mps
+        speed_now = max(most, abs(self._last[0]) - self._slow_down)
+        rate_now = max(most * self._rate_a_speed, abs(self._last[1]) - self._turn_down)
+        for asked, now in ((speed, speed_now), (rate, rate_now)):
+            if abs(asked) > now:
+                part = min(part, now / abs(asked))
         self._last = (part * speed, part * rate) if part < 1.0 else (speed, rate)
         return self._last
 
