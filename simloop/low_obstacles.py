@@ -117,7 +117,8 @@ def seen_too(
 class LowObstacleMap:
     """Remembers in map; base_from_camera: (3,) in base_link, m, where it looks along x, level.
 
-    ``surfaces_m`` (k, 2) holds, in map, all that is remembered.
+    ``surfaces_m`` (k, 2) holds, in map, all that is remembered; ``seen_m`` (m, 2) that part of it
+    which was seen, without the depth that it is guessed to have.
     """
 
     def __init__(
@@ -128,7 +129,7 @@ class LowObstacleMap:
         self._seen, self._behind = GridMap(sure), GridMap(sure)
         self._mount = np.array(base_from_camera, np.float64)
         self._limits = np.array([config.step_m, config.slope, config.height_m, config.reach_m])
-        self.surfaces_m = np.empty((0, 2))
+        self.surfaces_m = self.seen_m = np.empty((0, 2))
 
     def look(
         self,
@@ -164,7 +165,8 @@ class LowObstacleMap:
             _enter(self._seen, self._points(far - _NEARER_M, its_aside), ways, pose),
             _enter(self._behind, behind, ways, pose),
         ]
-        self.surfaces_m = np.concatenate((self._seen.surfaces(), self._behind.surfaces()))
+        self.seen_m = self._seen.surfaces()
+        self.surfaces_m = np.concatenate((self.seen_m, self._behind.surfaces()))
         return np.concatenate(fresh)
 
     def _fade(self) -> None:

@@ -174,6 +174,11 @@ class Robot:
         self._driven = left != 0.0 or right != 0.0
         return command
 
+    def _beliefs(self) -> list[FloatArray | None]:
+        """What stands there though no scan shows it: with all that is guessed of it, and, if that
+        leaves no way, without."""
+        return [None] if self._low is None else [self._low.surfaces_m, self._low.seen_m]
+
     @property
     def _standing_m(self) -> FloatArray | None:
         """(k, 2) in map, what stands there though no scan shows it."""
@@ -245,15 +250,18 @@ class Robot:
             )
 
     def _replan(self, estimate: Estimate, reason: str) -> None:
-        with self._time["slam"]:
-            goal = self._pursuit.place(estimate.t_ns)
-            still = self._slam.view(estimate.t_ns, goal, self._standing_m)
-            self._unchecked.clear()
-        with self._time["planner"]:
-            pose, pace = estimate.pose, self._pace_mps
-            goal = self._pursuit.aim(still, pose, pace, self._config.planner.safe_distance_m)
-            view = foresee(still, self._localiser.movers, pose, pace)
-            plan, smoother, view = self._find_way(view, pose, goal, reason)
+        self._unchecked.clear()
+        for standing in self._beliefs():
+            with self._time["slam"]:
+                place = self._pursuit.place(estimate.t_ns)
+                still = self._slam.view(estimate.t_ns, place, standing)
+            with self._time["planner"]:
+                pose, pace = estimate.pose, self._pace_mps
+                goal = self._pursuit.aim(still, pose, pace, self._config.planner.safe_distance_m)
+                view = foresee(still, self._localiser.movers, pose, pace)
+                plan, smoother, view = self._find_way(view, pose, goal, reason)
+            if plan.safe:
+                break
         self._planned_ns = estimate.t_ns
         self._pending = (estimate.t_ns + self._latency_ns(plan), plan, smoother, view)
         grid = self._slam
