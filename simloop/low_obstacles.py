@@ -27,6 +27,7 @@ _EDGE_M = 0.04  # two pixels of a column that are so near one another are of one
 _NEARER_M = 0.015  # than seen: a corner recedes in the mean of its cell
 _DEPTHS_M = tuple(np.arange(0.05, 0.26, 0.05).tolist())
 """What is seen is taken to be so deep, until it is seen that it is not."""
+_TRAIL_M, _ASIDE_M, _BACKWARDS_M = 0.05, 0.12, (0.1, 0.2, 0.3, 0.4, 0.5)
 _TURN_RAD, _LEAD_IN_RAD = 0.4, 0.3  # well within what the camera sees to either side
 _SIGHTINGS = 1.5  # more of them are needed: something that moves is seen once in each place
 _FADES = 0.01  # of the odds, with each image in which something moves
@@ -130,6 +131,7 @@ class LowObstacleMap:
         self._mount = np.array(base_from_camera, np.float64)
         self._limits = np.array([config.step_m, config.slope, config.height_m, config.reach_m])
         self.surfaces_m = self.seen_m = np.empty((0, 2))
+        self._trail: list[FloatArray] = []
 
     def look(
         self,
@@ -142,6 +144,8 @@ class LowObstacleMap:
 
         scan_m: (n, 2) in base_link, what the LiDAR sees meanwhile.
         """
+        if not self._trail or math.dist(self._trail[-1], pose[:2]) > _TRAIL_M:
+            self._trail.append(np.array(pose[:2]))
         rows, cols = image.depth_m.shape
         aside = (0.5 * (cols - 1) - np.arange(cols)) / image.focal_px[0]
         high = (0.5 * (rows - 1) - np.arange(rows)) / image.focal_px[1]
@@ -168,6 +172,13 @@ class LowObstacleMap:
         self.seen_m = self._seen.surfaces()
         self.surfaces_m = np.concatenate((self.seen_m, self._behind.surfaces()))
         return np.concatenate(fresh)
+
+    def has_been_on(self, pose: FloatArray, course: float) -> bool:
+        """Whether the robot came by the way that leads from ``pose`` (3,) on a course, rad: one
+        that it may take backwards, unseeing."""
+        ahead = np.array(_BACKWARDS_M)[:, None] * np.array([math.cos(course), math.sin(course)])
+        apart = (pose[:2] + ahead)[:, None] - np.array(self._trail or [np.full(2, np.inf)])
+        return bool((np.hypot(*np.moveaxis(apart, -1, 0)).min(axis=1) < _ASIDE_M).all())
 
     def _fade(self) -> None:
         """Trust a little less in all that is remembered: what moves leaves traces."""

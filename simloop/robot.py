@@ -312,6 +312,8 @@ class Robot:
         self._say(path)
 
     def _rear_first(self, pose: FloatArray, path_yaw: float) -> bool:
+        if self._low is not None and not self._low.has_been_on(pose, path_yaw):
+            return False
         return rear_first(self._monitor, pose, path_yaw, self._tracker.reverses)
 
     def _command(self, estimate: Estimate, encoders: EncoderReading) -> TrackCommand:

@@ -302,6 +302,24 @@ def test_what_moves_is_left_out_and_makes_what_is_remembered_fade():
     assert len(into.surfaces_m) == 0
 
 
+def test_it_knows_the_way_that_it_came():
+    into = low_map()
+    assert not into.has_been_on(ORIGIN, 0.0)
+    for x in np.arange(0.0, 2.0, 0.03):
+        seen(Shapes(), 1, pose=np.array([x, 0.0, 0.0]), into=into)
+    there = np.array([2.0, 0.05, 0.0])
+    assert into.has_been_on(there, math.pi)
+    assert not into.has_been_on(there, 0.0)
+    assert not into.has_been_on(there, 0.5 * math.pi)
+    assert not into.has_been_on(np.array([0.3, 0.0, 0.0]), math.pi)
+
+
+def test_what_is_only_guessed_is_told_apart():
+    into = seen(Shapes(block(1.0, bottom=0.05, top=0.18)))
+    assert into.seen_m[:, 0].max() < 1.05 < into.surfaces_m[:, 0].max()
+    assert len(into.seen_m) < len(into.surfaces_m)
+
+
 def test_what_is_seen_is_taken_to_be_deep():
     kept = seen(Shapes(block(1.0, bottom=0.05, top=0.18))).surfaces_m
     assert kept[:, 0].max() == pytest.approx(1.25, abs=0.05)
