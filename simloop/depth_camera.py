@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from simloop.config import CameraConfig
-from simloop.messages import DepthImage, FloatArray, Truth
+from simloop.messages import DepthImage, FloatArray, Truth, pixel_slopes
 
 
 class RayFan(Protocol):
@@ -34,9 +34,10 @@ class DepthCamera:
         self._period_ns = round(period_s * 1e9)
         pixels = np.array([config.columns, config.rows])
         self._focal_px = 0.5 * pixels / np.tan(0.5 * np.array(config.fov_rad))
-        left = (0.5 * (config.columns - 1) - np.arange(config.columns)) / self._focal_px[0]
-        up = (0.5 * (config.rows - 1) - np.arange(config.rows)) / self._focal_px[1]
-        aside, high = np.meshgrid(left, up)
+        aside, high = np.meshgrid(
+            pixel_slopes(config.columns, self._focal_px[0]),
+            pixel_slopes(config.rows, self._focal_px[1]),
+        )
         rays = np.stack([np.ones_like(aside), aside, high], axis=-1).reshape(-1, 3)
         lengths = np.linalg.norm(rays, axis=1)
         self._rays, self._axial = rays / lengths[:, None], 1.0 / lengths

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from simloop.config import Config, LowObstaclesConfig, SlamConfig
 from simloop.grid_map import GridMap
-from simloop.messages import DepthImage, FloatArray, MoverTracks
+from simloop.messages import DepthImage, FloatArray, MoverTracks, pixel_slopes
+from simloop.obstacle_discs import on_discs
 from simloop.se2 import transform_points
 
 _EDGE_M = 0.04  # two pixels of a column that are so near one another are of one thing
@@ -147,15 +148,18 @@ class LowObstacleMap:
         if not self._trail or math.dist(self._trail[-1], pose[:2]) > _TRAIL_M:
             self._trail.append(np.array(pose[:2]))
         rows, cols = image.depth_m.shape
-        aside = (0.5 * (cols - 1) - np.arange(cols)) / image.focal_px[0]
-        high = (0.5 * (rows - 1) - np.arange(rows)) / image.focal_px[1]
+        aside = pixel_slopes(cols, image.focal_px[0])
+        high = pixel_slopes(rows, image.focal_px[1])
         nearest, free, top = in_the_way(image.depth_m, high, self._mount[2], self._limits).T
         met = np.isfinite(nearest)
         far, its_aside = nearest[met], aside[met]
         points = self._points(far, its_aside)
         same_m = np.where(top[met] >= self._config.plane_m, _TALL_M, _SAME_M)
         new = ~seen_too(points, scan_m, same_m, _ONE_SURFACE_M)
-        new &= ~_on_movers(points, pose, image.t_ns, movers)
+        if movers is not None:
+            theirs = movers.discs_at(image.t_ns, _MOVER_M)
+            new &= ~on_discs(transform_points(pose, points), theirs)
+            self._fade()
         far, its_aside = far[new], its_aside[new]
         behind = np.concatenate([self._points(far + d, its_aside) for d in _DEPTHS_M])
         # Nearer than this, the image's edges cut off the robot's foot or its head.
@@ -163,8 +167,6 @@ class LowObstacleMap:
         until = np.minimum(free - _NOT_SO_FAR_M, self._config.clear_m)
         clear = until > whole_m
         ways = [self._points(d, aside[clear]) for d in (whole_m, until[clear])]
-        if movers is not None:
-            self._fade()
         fresh = [
             _enter(self._seen, self._points(far - _NEARER_M, its_aside), ways, pose),
             _enter(self._behind, behind, ways, pose),
@@ -188,7 +190,7 @@ class LowObstacleMap:
     def _points(self, depth: FloatArray | float, aside: FloatArray) -> FloatArray:
         """(n, 2) in base_link, at depths (n,) in columns that lead ``aside`` (n,) for one of it."""
         x, y, _ = self._mount
-        return np.stack([x + depth + 0.0 * aside, y + depth * aside], axis=1)
+        return np.stack(np.broadcast_arrays(x + depth, y + depth * aside), axis=1)
 
 
 def looking_ahead(config: Config) -> Config:
@@ -214,13 +216,3 @@ def _enter(
         np.concatenate((points, ends)), np.concatenate((points, starts)), pose, through
     )
     return fresh
-
-
-def _on_movers(
-    points: FloatArray, pose: FloatArray, t_ns: int, movers: MoverTracks | None
-) -> NDArray[np.bool_]:
-    """(n,) which points (n, 2), in base_link at ``pose`` (3,), lie on what moves."""
-    if movers is None:
-        return np.zeros(len(points), np.bool_)
-    apart = transform_points(pose, points)[:, None] - movers.places_at(t_ns)
-    return (np.hypot(*np.moveaxis(apart, -1, 0)) < movers.radius_m + _MOVER_M).any(axis=1)

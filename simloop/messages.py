@@ -149,6 +149,11 @@ class DepthImage(_Message):
     focal_px: FloatArray
 
 
+def pixel_slopes(count: int, focal_px: float) -> FloatArray:
+    """(count,) how far the rays through columns of pixels lead left, rows up, for one of depth."""
+    return np.asarray((0.5 * (count - 1) - np.arange(count)) / focal_px, np.float64)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class LowObstacles(_Message):
     """What the camera has seen and the LiDAR has not: surfaces_m (k, 2) in map."""
@@ -255,6 +260,10 @@ class MoverTracks(_Message):
     def places_at(self, t_ns: int) -> FloatArray:
         """(n, 2) where they are at another instant if they go on as they go."""
         return self.position_m + 1e-9 * (t_ns - self.t_ns) * self.velocity_mps
+
+    def discs_at(self, t_ns: int, about_m: float) -> FloatArray:
+        """(n, 3) x, y, radius in map at another instant, each ``about_m`` wider than was seen."""
+        return np.column_stack((self.places_at(t_ns), self.radius_m + about_m))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -120,9 +120,7 @@ class MoverWatch:
 
     def discs_at(self, t_ns: int) -> FloatArray | None:
         """(n, 3) x, y, radius in map of what is thought to move, and a little about it."""
-        if self.tracks is None:
-            return None
-        return np.column_stack((self.tracks.places_at(t_ns), self.tracks.radius_m + _ABOUT_M))
+        return None if self.tracks is None else self.tracks.discs_at(t_ns, _ABOUT_M)
 
     def look(
         self, points_m: FloatArray, laser_m: FloatArray, pose: FloatArray, t_ns: int

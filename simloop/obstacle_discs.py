@@ -6,6 +6,7 @@ import math
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from simloop.messages import FloatArray
 
@@ -32,6 +33,12 @@ def discs_of(occupied: np.ndarray, origin_m: FloatArray, resolution_m: float) ->
     discs *= resolution_m
     discs[:, :2] += origin_m
     return discs
+
+
+def on_discs(points: FloatArray, discs: FloatArray) -> NDArray[np.bool_]:
+    """(n,) which points (n, 2) lie on any of discs (k, 3) x, y, radius, in the same frame."""
+    apart = np.hypot(*np.moveaxis(points[:, None] - discs[:, :2], -1, 0)) - discs[:, 2]
+    return np.asarray((apart <= 0.0).any(axis=1))
 
 
 def _groups(label: np.ndarray, cells: np.ndarray, tile: int) -> np.ndarray:

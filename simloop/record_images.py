@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from simloop.grid_map import GridMap
 from simloop.messages import DepthImage, MapUpdate
 from simloop.record_columns import occupancy_percent
 
@@ -16,8 +17,8 @@ if TYPE_CHECKING:
 _FARTHEST_M = 3.0
 
 
-def occupancy(grid: MapUpdate) -> rr.GridMap:
-    """The map, grey as in ROS, just above the floor."""
+def occupancy(grid: MapUpdate | GridMap, height_m: float) -> rr.GridMap:
+    """A map, grey as in ROS, laid at a height."""
     import rerun as rr
 
     rows, columns = grid.log_odds.shape
@@ -27,7 +28,7 @@ def occupancy(grid: MapUpdate) -> rr.GridMap:
             width=columns, height=rows, color_model="L", channel_datatype="U8"
         ),
         cell_size=grid.resolution_m,
-        translation=[*grid.origin_m, 0.004],
+        translation=[*grid.origin_m, height_m],
         opacity=0.85,
         colormap=rr.components.Colormap.RvizMap,
     )

@@ -60,6 +60,7 @@ _FLUSH_TIMEOUT_S = 10.0
 _PARTING_S = 2.0
 _POSE_TICKS = 4  # poses at 25 Hz, of the control loop's 100
 _ELLIPSE_SCALE = 10.0
+_MAP_M = 0.004  # just above the floor
 
 _LEVELS = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
 
@@ -361,7 +362,7 @@ class RerunRecorder:
 
     def _write_map(self, grid: MapUpdate) -> None:
         self._stream.set_time(TIMELINE, duration=np.timedelta64(grid.t_ns, "ns"))
-        self._stream.log(f"{MAP}/occupancy", occupancy(grid))
+        self._stream.log(f"{MAP}/occupancy", occupancy(grid, _MAP_M))
 
     def _write_images(self, images: list[DepthImage]) -> None:
         if images:

@@ -153,7 +153,11 @@ class Separation:
         t_ns: int,
         dodges: bool = True,
     ) -> tuple[float, float, str]:
-        """As ``_allow``; it remembers since when the robot has been told to stand."""
+        """The velocity, m/s and rad/s, that is safe at ``pose`` (3,) among what moves, and its
+        mode: none where it is the one asked for, ``yield`` for a part of it, or ``dodge``.
+
+        dodges: whether it may be another one, that leads out of something's way.
+        """
         told = self._allow(speed, rate, pose, tracks, t_ns, dodges)
         if told[0] != 0.0 or told[1] != 0.0:
             self._moved_ns = t_ns
@@ -168,11 +172,7 @@ class Separation:
         t_ns: int,
         dodges: bool,
     ) -> tuple[float, float, str]:
-        """The velocity, m/s and rad/s, that is safe at ``pose`` (3,) among what moves, and its
-        mode: none where it is the one asked for, ``yield`` for a part of it, or ``dodge``.
-
-        dodges: whether it may be another one, that leads out of something's way.
-        """
+        """``allow``, but for remembering since when the robot has been told to stand."""
         if tracks is None:
             return speed, rate, ""
         if t_ns - tracks.t_ns > _STALE_NS:

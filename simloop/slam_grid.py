@@ -17,7 +17,7 @@ from simloop.ekf_model import inverse_3
 from simloop.grid_map import NOWHERE_M, GridMap
 from simloop.mapping.map_reader import load_map
 from simloop.messages import FloatArray, LidarScan, PoseFix, WorldView
-from simloop.obstacle_discs import discs_of
+from simloop.obstacle_discs import discs_of, on_discs
 from simloop.scan_match import deskew
 from simloop.se2 import transform_points
 
@@ -87,9 +87,8 @@ class GridSlam:
         prior = np.array(prior_pose, np.float64)
         self._matched = self.points_m
         if moving is not None:
-            placed = transform_points(prior, self.points_m)[:, None]
-            apart = np.hypot(*np.moveaxis(placed - moving[:, :2], -1, 0)) - moving[:, 2]
-            self._matched = np.ascontiguousarray(self.points_m[(apart > 0.0).all(axis=1)])
+            theirs = on_discs(transform_points(prior, self.points_m), moving)
+            self._matched = np.ascontiguousarray(self.points_m[~theirs])
         if self.grid.scans == 0 or len(self._matched) < _FIRST_POINTS:
             return PoseFix(scan.t_ns, prior, np.array(prior_covariance), 0.0, False)
         # The belief is mostly so good that the refinement's basin holds the answer; where it

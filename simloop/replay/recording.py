@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from simloop.grid_map import GridMap
 from simloop.messages import FloatArray
-from simloop.record_columns import lifted, occupancy_percent
+from simloop.record_columns import lifted
+from simloop.record_images import occupancy
 
 if TYPE_CHECKING:
     from simloop.replay.session import Replay
@@ -34,7 +34,7 @@ def record(path: Path, replay: Replay) -> None:
     except RuntimeError as error:
         raise OSError(f"cannot record to {path}: {error}") from None
     stream.log("map", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    _log_map(stream, replay.map)
+    stream.log("map/occupancy", occupancy(replay.map, 0.0), static=True)
     known = np.isfinite(replay.trajectory[:, 0])
     poses, log = replay.trajectory[known], replay.log
     times = log.t_s[: len(known)][known]
@@ -47,26 +47,6 @@ def record(path: Path, replay: Replay) -> None:
     _send_scans(stream, replay)
     stream.flush()
     stream.disconnect()
-
-
-def _log_map(stream: Any, grid: GridMap) -> None:
-    import rerun as rr
-
-    rows, columns = grid.log_odds.shape
-    stream.log(
-        "map/occupancy",
-        rr.GridMap(
-            data=occupancy_percent(grid.log_odds)[::-1].tobytes(),  # an image's first row is up
-            format=rr.components.ImageFormat(
-                width=columns, height=rows, color_model="L", channel_datatype="U8"
-            ),
-            cell_size=grid.resolution_m,
-            translation=[*grid.origin_m, 0.0],
-            opacity=0.85,
-            colormap=rr.components.Colormap.RvizMap,
-        ),
-        static=True,
-    )
 
 
 def _log_way(stream: Any, name: str, xy: FloatArray) -> None:
