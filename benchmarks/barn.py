@@ -192,9 +192,7 @@ def run_one(course: Course, overrides: tuple[str, ...], seed: int) -> Run:
     """One run; the same in any process."""
     referee = Referee(course)
     scenario = scenario_of(course, overrides, seed)
-    simulation = Simulation(
-        scenario, listeners=[referee.offer], world=_world(course, overrides)
-    )
+    simulation = Simulation(scenario, listeners=[referee.offer], world=_world(course, overrides))
     result = simulation.run(lambda time_s, to_go_m: not referee.outcome)
     outcome = referee.outcome or result.outcome
     limit_s = course.path_length_m / _TOP_MPS
@@ -202,9 +200,7 @@ def run_one(course: Course, overrides: tuple[str, ...], seed: int) -> Run:
     if outcome == "reached":
         best_s = 0.5 * course.path_length_m  # at 2 m/s, as the challenge has it
         score = best_s / float(np.clip(referee.time_s, 2.0 * best_s, 8.0 * best_s))
-    return Run(
-        course.name, seed, outcome, referee.time_s, score, referee.time_s / limit_s
-    )
+    return Run(course.name, seed, outcome, referee.time_s, score, referee.time_s / limit_s)
 
 
 def figures(runs: Sequence[Run]) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """Draw docs/figures/*.svg: the simulated tracks against the closed forms (needs matplotlib).
 
-    pip install matplotlib; python scripts/plot_certificate.py
+pip install matplotlib; python scripts/plot_certificate.py
 """
 
 from __future__ import annotations

@@ -10,9 +10,7 @@ if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
 
-def make_blueprint(
-    bounds_m: FloatArray, timeline: str, camera: str | None = None
-) -> rrb.Blueprint:
+def make_blueprint(bounds_m: FloatArray, timeline: str, camera: str | None = None) -> rrb.Blueprint:
     """The arrangement for an arena with bounds (4,) x_min, y_min, x_max, y_max, m.
 
     camera: the entity of a depth camera, if there is one.

@@ -52,6 +52,7 @@ INPUT_WRONG = 2
 _CUT_OFF = 130
 """What the command line's library returns where Ctrl-C cut a command off, without a word."""
 
+
 def main() -> None:
     """Entry point of the console script: one clear line for whatever the user got wrong."""
     _run(app)

@@ -125,4 +125,3 @@ class Voices(NamedTuple):
             return "gyro" if by_wheels < 0.5 * off and apart < 2.0 * _XY_M else "lidar"
         slack = _XY_M + _ACCEL_MPS2 * self.duration * max(0.1, 0.5 * self.duration)
         return "wheels" if math.dist(lidar[:2], self.imu[:2]) < slack else "lidar"
-

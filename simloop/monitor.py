@@ -174,9 +174,7 @@ def _free_of(
 
 
 @njit(cache=True)
-def within(
-    points: FloatArray, half_length: float, half_width: float, margin: float
-) -> FloatArray:
+def within(points: FloatArray, half_length: float, half_width: float, margin: float) -> FloatArray:
     """(k, 2) of the points (n, 2), in base_link, that are nearer to the footprint than a margin."""
     out, k = np.empty_like(points), 0
     for i in range(points.shape[0]):
@@ -206,9 +204,7 @@ def free_fraction(
     near = within(points, half_length, half_width, margin)
     if near.shape[0] and free > 0.0:
         part = math.ceil(free * steps * _FINER)
-        free *= _free_of(
-            near, free * ahead, free * turned, half_length, half_width, margin, part
-        )
+        free *= _free_of(near, free * ahead, free * turned, half_length, half_width, margin, part)
     return free
 
 
@@ -275,9 +271,7 @@ def stopping_limits(
 class CollisionMonitor:
     """Scales a body velocity down to what the last scans allow."""
 
-    def __init__(
-        self, config: TrackerConfig, vehicle: VehicleConfig, scan_s: float = 0.1
-    ) -> None:
+    def __init__(self, config: TrackerConfig, vehicle: VehicleConfig, scan_s: float = 0.1) -> None:
         """scan_s: time, s, from one scan to the next."""
         self._limits = stopping_limits(
             config, vehicle, config.max_decel_mps2, config.monitor_margin_m

@@ -88,9 +88,7 @@ class DeadReckoning:
             self._last = encoders
         dt = (estimate.t_ns - self._t_ns) * 1e-9 if self._t_ns >= 0 else 0.0
         self._t_ns = estimate.t_ns
-        reckon(
-            self.odom_from_base, self.by_wheels, estimate.state, dt, left, right, self._gauge
-        )
+        reckon(self.odom_from_base, self.by_wheels, estimate.state, dt, left, right, self._gauge)
 
     def frames(self, estimate: Estimate) -> Frames:
         """The transforms now, of the belief that ``estimate`` is."""

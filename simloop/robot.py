@@ -1,6 +1,6 @@
 """The robot's own software: sensor messages in, motor voltages out, and no truth anywhere.
 
-    encoders, imu, scan -> Localiser -> Planner -> Smoother -> Tracker -> monitor -> motor loops
+encoders, imu, scan -> Localiser -> Planner -> Smoother -> Tracker -> monitor -> motor loops
 """
 
 from __future__ import annotations

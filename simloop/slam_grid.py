@@ -126,9 +126,7 @@ class GridSlam:
                 points, origins, np.array(pose, np.float64)
             )
 
-    def view(
-        self, t_ns: int, goal: FloatArray, surfaces_m: FloatArray | None = None
-    ) -> WorldView:
+    def view(self, t_ns: int, goal: FloatArray, surfaces_m: FloatArray | None = None) -> WorldView:
         """The map as a planner sees it; surfaces_m: (k, 2) in map, what else stands there."""
         grid = self.grid
         if surfaces_m is not None and len(surfaces_m):

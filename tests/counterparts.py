@@ -83,9 +83,7 @@ def bee_colony(objective, seed):
 
 class _Vectorised(Problem):
     def __init__(self, objective):
-        super().__init__(
-            n_var=len(objective.low), n_obj=1, xl=objective.low, xu=objective.high
-        )
+        super().__init__(n_var=len(objective.low), n_obj=1, xl=objective.low, xu=objective.high)
         self._objective = objective
 
     def _evaluate(self, x, out, *args, **kwargs):
@@ -106,9 +104,7 @@ COUNTERPARTS = {
     "de": lambda f, s: by_mealpy(
         DE.OriginalDE(epoch=GENERATIONS, pop_size=SIZE, wf=0.5, cr=0.9, strategy=0), f, s
     ),
-    "tlbo_paper": lambda f, s: by_mealpy(
-        TLO.OriginalTLO(epoch=GENERATIONS, pop_size=SIZE), f, s
-    ),
+    "tlbo_paper": lambda f, s: by_mealpy(TLO.OriginalTLO(epoch=GENERATIONS, pop_size=SIZE), f, s),
     "avoa": lambda f, s: by_mealpy(
         VulturesThatRemember(
             epoch=GENERATIONS, pop_size=SIZE, p1=0.6, p2=0.4, p3=0.6, alpha=0.8, gama=2.5

@@ -66,8 +66,12 @@ def test_the_clock_starts_with_the_first_tenth_of_a_metre_and_what_comes_first_c
 
 
 def test_figures_are_rates_over_all_and_means_over_those_that_arrived():
-    runs = [barn.Run("1", 0, "reached", 10.0, 0.5, 0.8), barn.Run("1", 1, "collision", 4.0, 0, 0.3),
-            barn.Run("2", 0, "stuck", 9.0, 0.0, 0.7), barn.Run("2", 1, "reached", 20.0, 0.3, 1.2)]
+    runs = [
+        barn.Run("1", 0, "reached", 10.0, 0.5, 0.8),
+        barn.Run("1", 1, "collision", 4.0, 0, 0.3),
+        barn.Run("2", 0, "stuck", 9.0, 0.0, 0.7),
+        barn.Run("2", 1, "reached", 20.0, 0.3, 1.2),
+    ]
     found = barn.figures(runs)
     assert (found["success_rate"], found["collision_rate"], found["timeout_rate"]) == (
         0.5, 0.25, 0.25,

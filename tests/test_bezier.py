@@ -30,9 +30,7 @@ def view_of(discs=(), size=6.0, resolution=0.05):
         distance = np.minimum(distance, np.maximum(0.0, np.hypot(x - cx, y - cy) - r))
     origin = np.array([-size / 2, -size / 2])
     bounds = np.array([-size / 2, -size / 2, size / 2, size / 2])
-    return WorldView(
-        0, origin, resolution, distance.astype(np.float32), np.zeros((0, 3)), bounds
-    )
+    return WorldView(0, origin, resolution, distance.astype(np.float32), np.zeros((0, 3)), bounds)
 
 
 def plan_of(points):

@@ -23,9 +23,7 @@ def test_what_stands_in_the_way_is_what_comes_too_near_to_the_discs(x, y, first)
     offsets = np.array([-0.16, 0.0, 0.16])
     centres = (xy[first:, 0][:, None] + offsets).ravel()
     near = np.hypot(centres - x, y).min()
-    got = stands_in_the_way(
-        np.array([[x, y]]), xy, yaw, clearance, first, offsets, 0.24, 0.02
-    )
+    got = stands_in_the_way(np.array([[x, y]]), xy, yaw, clearance, first, offsets, 0.24, 0.02)
     if abs(near - 0.24) > 1e-9:
         assert got == (near < 0.24)
 

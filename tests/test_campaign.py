@@ -168,9 +168,12 @@ def test_the_rows_do_not_depend_on_the_executor():
     alone = {s.seed: {k: v for k, v in do_run(s).items() if k not in TIMING}
              for s in (spec(seed) for seed in range(4))}  # fmt: skip
     assert rows_by(execute.local(2), 2) == alone
-    with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None
-    ) as cluster, execute.dask(cluster.scheduler_address) as (make, threads):
+    with (
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None
+        ) as cluster,
+        execute.dask(cluster.scheduler_address) as (make, threads),
+    ):
         assert rows_by(make, threads) == alone
 
 

@@ -63,9 +63,7 @@ def test_a_wrong_friction_is_found_out():
 
 def test_the_command_writes_a_table_and_json(tmp_path, capsys):
     file = tmp_path / "certificate.json"
-    code = app(
-        ["certify", "--only", "straight", "--json", str(file)], standalone_mode=False
-    )
+    code = app(["certify", "--only", "straight", "--json", str(file)], standalone_mode=False)
     assert code == 0
     figures = json.loads(file.read_text())
     assert figures["ok"] is True

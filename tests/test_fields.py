@@ -128,9 +128,7 @@ def test_each_beam_is_placed_from_the_pose_of_its_own_instant(seed, rays):
     angles, ranges = rng.uniform(-4, 4, rays), rng.uniform(0.0, 5.0, rays)
     ranges[rng.random(rays) < 0.1] = np.inf
     beam_ns = np.sort(rng.integers(times[0], times[-1] + 1, rays))
-    points, origins = deskew(
-        angles, ranges, beam_ns, np.array([0.4, 4.0]), times, trail, mount
-    )
+    points, origins = deskew(angles, ranges, beam_ns, np.array([0.4, 4.0]), times, trail, mount)
     expected_points, expected_origins = [], []
     for angle, far, t_ns in zip(angles, ranges, beam_ns, strict=True):
         if 0.4 <= far <= 4.0:

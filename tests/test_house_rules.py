@@ -101,9 +101,13 @@ def test_the_robots_software_cannot_reach_the_truth(path):
     assert not any(name.split(".")[0] == "mujoco" for name in names)
     truths = ("Truth", "TrackTruth", "LooseTruth")
     assert not names & {f"simloop.messages.{truth}" for truth in truths}
-    assert "Truth" not in {
-        node.id for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Name)
-    } or path.stem == "messages"
+    assert (
+        "Truth"
+        not in {
+            node.id for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Name)
+        }
+        or path.stem == "messages"
+    )
 
 
 def test_the_robot_takes_sensor_messages_only():
@@ -131,9 +135,7 @@ def test_rerun_is_imported_by_the_recorder_alone_and_lazily():
     recorder.add("recording")
     assert {p.stem for p in users} <= recorder
     for path in modules():
-        assert not any(
-            n.split(".")[0] == "rerun" for n in imports(path, top_level_only=True)
-        ), path
+        assert not any(n.split(".")[0] == "rerun" for n in imports(path, top_level_only=True)), path
 
 
 @pytest.mark.parametrize("path", modules(), ids=lambda p: p.stem)

@@ -37,9 +37,7 @@ QUICK, MANY = 2, 50
 
 
 def plan(name, one, seed, **settings):
-    config = PlannerConfig(
-        name=name, safe_distance_m=one.safe_m, start_turn_weight=0.0, **settings
-    )
+    config = PlannerConfig(name=name, safe_distance_m=one.safe_m, start_turn_weight=0.0, **settings)
     rng = np.random.default_rng(seed)
     return make_planner(config, POINT).plan(one.world, one.start, one.goal, rng)
 

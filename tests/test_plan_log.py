@@ -51,9 +51,7 @@ def test_a_start_too_close_to_a_disc_makes_that_disc_alone_smaller():
     one = scene("S1")[0]
     start = np.array([3.2, 0.6 + 0.30 + 0.1])  # 0.1 m from the first disc
     best = least_cost(CONFIG, one.world, start, one.goal)
-    without = exact_path(
-        one.world.discs_xyr_m[1:], one.world.bounds_m, start, one.goal, safe_m=0.3
-    )
+    without = exact_path(one.world.discs_xyr_m[1:], one.world.bounds_m, start, one.goal, safe_m=0.3)
     assert best is not None and best >= without.cost - 1e-9
     as_it_is = exact_path(one.world.discs_xyr_m, one.world.bounds_m, start, one.goal, safe_m=0.3)
     assert as_it_is is None

@@ -44,9 +44,7 @@ def bench(seed: int = 0, start_turn_weight: float = 0.2, learners: int = LEARNER
     path = BENT.copy()
     world = disc_world(DISCS, (-1.0, -2.0, 7.0, 3.0))
     start = np.array([*path[0], 0.3])
-    problem = make_problem(
-        world, start, path[-1], safe_m=0.26, start_turn_weight=start_turn_weight
-    )
+    problem = make_problem(world, start, path[-1], safe_m=0.26, start_turn_weight=start_turn_weight)
     stack, lines = make_stack(), make_lines()
     free = encode(problem, path, len(path), lines, stack)
     assert free == len(path) - 1
@@ -128,9 +126,7 @@ def test_the_teacher_phase_is_equations_20_to_24(seed):
         return x[k] + rng.uniform() * (teacher - teaching_factor * mean)
 
     x, f = plain_phase(at, seed, towards_the_teacher)
-    teacher_phase(
-        at.problem, at.lines, at.group, at.free, at.m, np.array([seed], np.uint64)
-    )
+    teacher_phase(at.problem, at.lines, at.group, at.free, at.m, np.array([seed], np.uint64))
     assert_class_is(at, x, f)
     assert (f < before).sum() >= 3 and (f <= before).all()
 
@@ -147,9 +143,7 @@ def test_the_learner_phase_is_equation_25(seed):
         return x[k] + rng.uniform() * (x[better] - x[worse])
 
     x, f = plain_phase(at, seed, from_the_worse_to_the_better)
-    learner_phase(
-        at.problem, at.lines, at.group, at.free, at.m, np.array([seed], np.uint64)
-    )
+    learner_phase(at.problem, at.lines, at.group, at.free, at.m, np.array([seed], np.uint64))
     assert_class_is(at, x, f)
     assert (f < before).sum() >= 3 and (f <= before).all()
 
@@ -173,9 +167,7 @@ def test_twins_of_the_teacher_are_sent_off_and_no_others():
         at.group.subject[k] = at.group.subject[best]
         at.group.cost[k] = at.group.cost[best] * (1.0 + 0.5 * alike)
     before, costs = at.group.subject.copy(), at.group.cost.copy()
-    move_twins(
-        at.problem, at.lines, at.group, at.free, at.m, alike, np.array([1], np.uint64)
-    )
+    move_twins(at.problem, at.lines, at.group, at.free, at.m, alike, np.array([1], np.uint64))
     moved = (at.group.subject != before).any(axis=2).sum(axis=1)
     others = [k for k in range(LEARNERS) if k not in twins]
     assert np.all(moved[twins] == 1) and not moved[others].any()
@@ -230,9 +222,7 @@ def test_idle_generations_are_counted_from_the_last_gain():
         for _ in range(length):
             teacher_phase(at.problem, at.lines, at.group, at.free, at.m, draws)
             learner_phase(at.problem, at.lines, at.group, at.free, at.m, draws)
-            move_twins(
-                at.problem, at.lines, at.group, at.free, at.m, 0.01 * tolerance, draws
-            )
+            move_twins(at.problem, at.lines, at.group, at.free, at.m, 0.01 * tolerance, draws)
         costs.append(at.group.cost.min())
     best, last_gain = costs[0], 0
     for generation, cost in enumerate(costs):

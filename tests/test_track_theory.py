@@ -148,8 +148,10 @@ def test_the_climbing_angle_balances_the_forces(friction, rolling, thrust):
     needed = WEIGHT * (math.sin(angle) + rolling * math.cos(angle))
     assert needed <= thrust * (1 + 1e-9)
     assert math.tan(angle) <= friction * (1 + 1e-9)
-    assert needed == pytest.approx(thrust) or math.tan(angle) == pytest.approx(friction) or (
-        thrust > WEIGHT
+    assert (
+        needed == pytest.approx(thrust)
+        or math.tan(angle) == pytest.approx(friction)
+        or (thrust > WEIGHT)
     )
 
 

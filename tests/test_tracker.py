@@ -118,9 +118,7 @@ def test_standing_still_draws_no_current():
 
 @pytest.mark.parametrize(("speed", "rate"), [(0.45, 1.0), (0.1, -1.6), (-0.3, 0.5)])
 def test_a_track_too_fast_scales_both_and_keeps_the_curvature(speed, rate):
-    left, right = sprocket_speeds(
-        speed, rate, K * VEHICLE.gauge_m, 0.47, VEHICLE.sprocket_radius_m
-    )
+    left, right = sprocket_speeds(speed, rate, K * VEHICLE.gauge_m, 0.47, VEHICLE.sprocket_radius_m)
     assert max(abs(left), abs(right)) * VEHICLE.sprocket_radius_m <= 0.47 + 1e-9
     v = 0.5 * (left + right)
     w = (right - left) / (K * VEHICLE.gauge_m)

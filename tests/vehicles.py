@@ -14,9 +14,7 @@ from simloop.plant import Plant
 
 def plant_on_plane(config: Config | None = None, pitch_rad: float = 0.0) -> Plant:
     """The vehicle at rest on an endless plane; gravity is tilted so that +x leads uphill."""
-    world, vehicle = mujoco.MjSpec(), mujoco.MjSpec.from_file(
-        str(models_dir() / "tracked_ugv.xml")
-    )
+    world, vehicle = mujoco.MjSpec(), mujoco.MjSpec.from_file(str(models_dir() / "tracked_ugv.xml"))
     world.worldbody.add_geom(
         name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[50, 50, 0.1], contype=2
     )

@@ -23,9 +23,7 @@ def failures(runs: Sequence[Done], most: int) -> list[Done]:
 
 def worst(runs: Sequence[Done], most: int) -> list[Done]:
     """Failures first, then those that took longest."""
-    slow = sorted(
-        (run for run in runs if run[1]["success"]), key=lambda run: -run[1]["sim_time_s"]
-    )
+    slow = sorted((run for run in runs if run[1]["success"]), key=lambda run: -run[1]["sim_time_s"])
     return [*failures(runs, most), *slow][:most]
 
 

@@ -1,8 +1,8 @@
 """The campaign's folder: what was asked, and each finished run, safe the moment it is finished.
 
-    campaign.json     the request
-    journal.jsonl     a line a run, synced to the disk; a line torn by a kill is run again
-    results.parquet   all rows in the request's order, written whole when the campaign stops
+campaign.json     the request
+journal.jsonl     a line a run, synced to the disk; a line torn by a kill is run again
+results.parquet   all rows in the request's order, written whole when the campaign stops
 """
 
 from __future__ import annotations

@@ -32,9 +32,7 @@ class _Fit:
     residual: float
 
 
-def match_covariance(
-    information: FloatArray, residual: float, config: MappingConfig
-) -> FloatArray:
+def match_covariance(information: FloatArray, residual: float, config: MappingConfig) -> FloatArray:
     """(3, 3) of a match's x, y, yaw: the inverse of its information, by what its points missed.
 
     Points that meet one surface share its error in the map, which no number of them averages away:

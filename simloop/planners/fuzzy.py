@@ -85,9 +85,7 @@ def rule_turn(left: int, front: int, right: int, side: int) -> int:
 
 
 @njit(cache=True)
-def fuzzy_turn(
-    x: FloatArray, left: float, front: float, right: float, bearing: float
-) -> float:
+def fuzzy_turn(x: FloatArray, left: float, front: float, right: float, bearing: float) -> float:
     """Turn, rad, of a controller with parameters x (7,). left, front, right: free ranges in steps;
     bearing: the target's, off the present heading, rad."""
     fars = (far(left, x[2], x[3]), far(front, x[0], x[1]), far(right, x[2], x[3]))

@@ -73,9 +73,7 @@ def _outline_distance(
 
 
 @njit(cache=True)
-def _depth_at(
-    corners: FloatArray, first: int, last: int, x: float, y: float
-) -> tuple[float, int]:
+def _depth_at(corners: FloatArray, first: int, last: int, x: float, y: float) -> tuple[float, int]:
     """Signed distance to the nearest of a polygon's edge lines, negative inside; which line."""
     most, which = -np.inf, first
     for i in range(first, last):

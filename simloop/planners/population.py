@@ -144,9 +144,7 @@ class Population:
         _keep_inside(self.x, self.low, self.high, False)
         self.evaluate(self.x, self.cost)
 
-    def evaluate(
-        self, x: FloatArray, out: FloatArray, bounds: FloatArray | None = None
-    ) -> None:
+    def evaluate(self, x: FloatArray, out: FloatArray, bounds: FloatArray | None = None) -> None:
         """Costs of rows x into out, as far as the budget goes; keeps the best and the history."""
         count = min(len(x), max(0, self.budget - self.spent))
         limit = np.full(len(x), np.inf) if bounds is None else bounds

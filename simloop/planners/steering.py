@@ -5,7 +5,7 @@ to 5, ten agents, ten iterations). Here the number is the turn off the target's 
 that a turned world gives a turned path. Filled in: the weights, with lengths in steps and
 clearances in safe distances; theta is the turn off the bearing (as printed, Eq. 6 is the bearing
 itself, which nothing can be done about); a step that would end too close, or meet what moves, costs
-`BLOCKED` more. """
+`BLOCKED` more."""
 
 from __future__ import annotations
 

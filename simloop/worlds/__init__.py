@@ -1,4 +1,4 @@
 """Worlds that are no MJCF: drawn from a seed, or read from others' files.
 
-    [generator], map.yaml, room.world -> Layout (bounds, obstacles) -> arena.build
+[generator], map.yaml, room.world -> Layout (bounds, obstacles) -> arena.build
 """

@@ -104,7 +104,5 @@ def _trap(back: FloatArray, turn: float, deep: float, wide: float) -> list[Obsta
         place = (float(back[0] + cos * x - sin * y), float(back[1] + sin * x + cos * y))
         return Obstacle("box", place, (length, width), turn, 0.45)
 
-    arms = [
-        wall(-0.5 * deep, side * 0.5 * (wide - WALL_M), deep, WALL_M) for side in (-1.0, 1.0)
-    ]
+    arms = [wall(-0.5 * deep, side * 0.5 * (wide - WALL_M), deep, WALL_M) for side in (-1.0, 1.0)]
     return [wall(-0.5 * WALL_M, 0.0, WALL_M, wide), *arms]
