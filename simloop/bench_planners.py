@@ -17,7 +17,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
-from simloop.bench_loop import machine
+from simloop.benchmarks.loop_speed import machine
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray
 from simloop.metrics import versions

@@ -173,7 +173,7 @@ def certify(
 ) -> int:
     """Track physics against closed forms: exit code 0 if every check holds, 1 if not."""
     from simloop import certify as certificate
-    from simloop.bench_loop import machine
+    from simloop.benchmarks.loop_speed import machine
     from simloop.errors import did_you_mean
     from simloop.metrics import versions
     from simloop.report import checking, print_certificate

@@ -37,7 +37,7 @@ def bench_loop(
 
     wanted = load(scenario, overrides or ())
     check_json(json_file)
-    from simloop import bench_loop
+    from simloop.benchmarks import loop_speed as bench_loop
 
     with compiling_shown(Console(stderr=True)) as report:
         figures = bench_loop.run(wanted, repeats, report)
@@ -117,7 +117,7 @@ def bench_faults(
 ) -> int:
     """Faults on purpose: exit code 0 if the robot handled every one, 1 if not."""
     check_json(json_file)
-    from simloop import bench_faults
+    from simloop.benchmarks import faults as bench_faults
     from simloop.report import checking
 
     trials = []
@@ -142,7 +142,7 @@ def bench_slam(
     seeds: Annotated[int, typer.Option(min=1, help="So many seeds, from 0 on.")] = 1,
 ) -> int:
     """The mapper on simulated courses: errors against the truth, map, speed."""
-    from simloop import bench_slam
+    from simloop.benchmarks import slam as bench_slam
     from simloop.report import checking
 
     check_json(json_file)

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from simloop.bench_courses import COURSES
-from simloop.bench_drive import drive
-from simloop.bench_slam import measure, run, summarise
+from simloop.benchmarks.slam import measure, run, summarise
+from simloop.benchmarks.slam_courses import COURSES
+from simloop.benchmarks.slam_drive import drive
 from simloop.errors import InputError
 
 ROBOT_M = 0.34  # from its middle to a corner

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from vehicles import plant_on_plane
 
-from simloop import bench_faults
+from simloop.benchmarks import faults as bench_faults
 from simloop.errors import InputError
 from simloop.faults import Fault, Faults, Glass
 from simloop.messages import EncoderReading, ImuReading, LidarScan

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from simloop import bench_planners, planners
-from simloop.bench_loop import machine
+from simloop.benchmarks.loop_speed import machine
 from simloop.config import PlannerConfig
 from simloop.errors import InputError, did_you_mean
 from simloop.metrics import versions

@@ -15,9 +15,9 @@ import numpy as np
 from rich.console import Console
 from scipy.stats import chi2
 
-from simloop.bench_courses import COURSES
-from simloop.bench_drive import Drive, drive
-from simloop.bench_loop import machine
+from simloop.benchmarks.loop_speed import machine
+from simloop.benchmarks.slam_courses import COURSES
+from simloop.benchmarks.slam_drive import Drive, drive
 from simloop.compile_listener import Report, silent
 from simloop.errors import InputError, did_you_mean
 from simloop.floor_plan import FloorPlan

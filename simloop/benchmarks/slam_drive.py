@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from simloop.arena import build, floor_plan
-from simloop.bench_courses import Course
+from simloop.benchmarks.slam_courses import Course
 from simloop.config import Config
 from simloop.floor_plan import FloorPlan
 from simloop.messages import EncoderReading, FloatArray, LidarScan, Truth
