@@ -66,7 +66,7 @@ def bench_planners(
 ) -> int:
     """Planners on equal terms, beside the optimum: time, gap, safety, significance."""
     check_json(json_file)
-    from simloop.peers import bench
+    from simloop.benchmarks.planners import bench
 
     request = bench.Request(
         scenes=bench.names(scenes),
@@ -78,7 +78,7 @@ def bench_planners(
     )
     request.check()
     if report is not None:
-        from simloop.peers import page
+        from simloop.benchmarks.planners import page
 
         page.check(report)
     result = bench.run(request)
@@ -99,7 +99,7 @@ def bench_weights(
 ) -> int:
     """The lead paper's weight study: Pareto front of length and turning, PLS with R2 and Q2."""
     check_json(json_file)
-    from simloop.peers import bench, tasks, weights
+    from simloop.benchmarks.planners import bench, tasks, weights
     from simloop.report import print_table
 
     bench.Request(scenes=(scene,), planners=(planner,)).check()

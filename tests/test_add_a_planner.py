@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from simloop.benchmarks.planners.scenes import scene
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.planners.population import Population, minimise
 from simloop.planners.population_planner import PopulationPlanner
-from simloop.planners.scenes import scene
 from simloop.planners.splitmix import make_state
 from simloop.planners.standard_functions import StandardFunction
 
@@ -73,7 +73,7 @@ import numpy as np
 from numba.core import event
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.planners.registry import make_planner
-from simloop.planners.scenes import scene
+from simloop.benchmarks.planners.scenes import scene
 
 class Heard(event.Listener):
     names = []

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from scipy import ndimage
 from scipy.interpolate import RegularGridInterpolator
 
+from simloop.benchmarks.planners.scenes import box_world
 from simloop.distance_field import FREE_M, Field, distance_at, field_of, footprint_clearance
 from simloop.grid_kernels import surface_distance
 from simloop.obstacle_discs import discs_of
-from simloop.planners.scenes import box_world
 from simloop.scan_match import deskew
 from simloop.se2 import compose, inverse, transform_points
 

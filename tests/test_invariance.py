@@ -13,10 +13,10 @@ import pytest
 from scipy.stats import mannwhitneyu
 
 from simloop import planners
+from simloop.benchmarks.planners.scenes import scene
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.planners.population import Rule
 from simloop.planners.registry import make_planner
-from simloop.planners.scenes import scene
 
 POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))
 SEEDS, BUDGET = 14, 2500

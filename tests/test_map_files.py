@@ -8,11 +8,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from simloop.benchmarks.planners.judge import clearance
+from simloop.benchmarks.planners.map_files import (
+    CELL_M,
+    load_file,
+    parse_map,
+    parse_scenario,
+    read_image,
+)
+from simloop.benchmarks.planners.trials import settings as trial_settings
+from simloop.benchmarks.planners.trials import try_once
 from simloop.errors import InputError
-from simloop.peers.judge import clearance
-from simloop.peers.map_files import CELL_M, load_file, parse_map, parse_scenario, read_image
-from simloop.peers.trials import settings as trial_settings
-from simloop.peers.trials import try_once
 
 MAP = "type octile\nheight 4\nwidth 6\nmap\n......\n.T..\n.@..W.\n......\n"
 SCEN = "version 1\n0\tm.map\t6\t4\t0\t0\t5\t3\t8.5\n1\tm.map\t6\t4\t0\t3\t2\t2\t4.0\n"

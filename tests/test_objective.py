@@ -10,6 +10,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from simloop.bench_planners import path_cost
+from simloop.benchmarks.planners.scenes import box_world, disc_world
 from simloop.messages import WorldView
 from simloop.planners.clearance import make_problem, segment_clearance
 from simloop.planners.objective import (
@@ -22,7 +23,6 @@ from simloop.planners.objective import (
     make_stack,
     start_turn,
 )
-from simloop.planners.scenes import box_world, disc_world
 
 SAFE = 0.26
 BOX = (0.0, 0.0, 5.0, 5.0)

@@ -7,17 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from simloop.config import PlannerConfig, VehicleConfig
-from simloop.planners.clearance import SAFE_WITHIN_M
-from simloop.planners.fuzzy import FuzzySteering
-from simloop.planners.online import simulate
-from simloop.planners.paper_scenes import (
+from simloop.benchmarks.planners.paper_scenes import (
     ONLINE_SCENES,
     PAPER_SCENES,
     online_scene,
     paper_scene,
     scene_clearance,
 )
+from simloop.config import PlannerConfig, VehicleConfig
+from simloop.planners.clearance import SAFE_WITHIN_M
+from simloop.planners.fuzzy import FuzzySteering
+from simloop.planners.online import simulate
 from simloop.planners.registry import make_planner
 from simloop.planners.rule_avoa import AfricanVultures
 from simloop.planners.rule_swarm import AdaptiveSwarm

@@ -11,16 +11,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
+from simloop.benchmarks.planners import bench, statistics
+from simloop.benchmarks.planners.jobs import make_jobs, run_jobs
+from simloop.benchmarks.planners.judge import clearance, judge
+from simloop.benchmarks.planners.paper_scenes import paper_scene, scene_clearance
+from simloop.benchmarks.planners.scenes import scene, true_clearance
+from simloop.benchmarks.planners.tasks import load_scene, with_best_known
+from simloop.benchmarks.planners.trials import settings as trial_settings
+from simloop.benchmarks.planners.trials import try_once
 from simloop.cli import app, main
 from simloop.errors import InputError
-from simloop.peers import bench, statistics
-from simloop.peers.campaign import make_jobs, run_jobs
-from simloop.peers.judge import clearance, judge
-from simloop.peers.tasks import load_scene, with_best_known
-from simloop.peers.trials import settings as trial_settings
-from simloop.peers.trials import try_once
-from simloop.planners.paper_scenes import paper_scene, scene_clearance
-from simloop.planners.scenes import scene, true_clearance
 
 S1 = scene("S1")[0]
 
@@ -208,7 +208,7 @@ def test_wrong_input_ends_with_exit_code_two(monkeypatch, capsys, tmp_path):
 def test_the_page_holds_the_figures_the_pictures_and_the_papers_tables(tmp_path, monkeypatch):
     pytest.importorskip("jinja2")
     pytest.importorskip("matplotlib")
-    from simloop.peers import page, paper_tables, weights
+    from simloop.benchmarks.planners import page, paper_tables, weights
 
     table = paper_tables.PaperTable("Title", "Source", ("a", "b"), (("printed", 1.5),))
     table.ours.append(("ours", 2.5))

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from simloop.benchmarks.planners.scenes import scene
 from simloop.cli import run_scenario
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.plan_log import PlanLog, least_cost
 from simloop.planners.exact import exact_path
 from simloop.planners.registry import make_planner
-from simloop.planners.scenes import scene
 
 POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))
 CONFIG = PlannerConfig(safe_distance_m=0.3, start_turn_weight=0.0)

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from simloop import bench_planners
+from simloop.benchmarks.planners.scenes import box_world, disc_world, scene, true_clearance
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import WorldView
 from simloop.planners.exact import exact_path
 from simloop.planners.registry import make_planner, planner_names
-from simloop.planners.scenes import box_world, disc_world, scene, true_clearance
 
 POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))
 BOX = (0.0, 0.0, 5.0, 5.0)

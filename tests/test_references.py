@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from simloop.bench_planners import path_cost
+from simloop.benchmarks.planners.scenes import box_world, disc_world, scene, true_clearance
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.errors import InputError
 from simloop.planners.exact import exact_path
 from simloop.planners.ref_grid import spacing
 from simloop.planners.registry import make_planner
 from simloop.planners.rollout import problem_of
-from simloop.planners.scenes import box_world, disc_world, scene, true_clearance
 
 POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))
 SAFE_M = 0.26

@@ -12,6 +12,7 @@ from scipy import ndimage
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
+from simloop.benchmarks.planners.scenes import box_distance, box_world, disc_world
 from simloop.planners.bends import MAX_POINTS
 from simloop.planners.clearance import make_problem
 from simloop.planners.objective import intrusion, make_stack
@@ -31,7 +32,6 @@ from simloop.planners.routes import (
     find_routes,
     make_lattice,
 )
-from simloop.planners.scenes import box_distance, box_world, disc_world
 
 SAFE = 0.26
 BOX = (0.0, 0.0, 5.0, 5.0)

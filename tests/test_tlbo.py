@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from simloop.benchmarks.planners.scenes import disc_world
 from simloop.planners.clearance import Problem, make_problem
 from simloop.planners.lines import Lines, decode, encode, make_lines
 from simloop.planners.objective import evaluate, make_stack
-from simloop.planners.scenes import disc_world
 from simloop.planners.splitmix import below, make_state, normal, uniform
 from simloop.planners.tlbo import (
     Class,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from simloop.peers import weights
-from simloop.planners.scenes import scene
+from simloop.benchmarks.planners import weights
+from simloop.benchmarks.planners.scenes import scene
 
 pytest.importorskip("sklearn")
 

@@ -10,14 +10,14 @@ import numpy as np
 
 from simloop import planners
 from simloop.bench_planners import path_cost
+from simloop.benchmarks.planners.judge import Verdict, judge
+from simloop.benchmarks.planners.scenes import Instance
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray, Plan
-from simloop.peers.judge import Verdict, judge
 from simloop.planners.online import OnlineWorld, simulate
 from simloop.planners.protocol import Planner
 from simloop.planners.reference import Reference, kind_of
 from simloop.planners.registry import make_planner
-from simloop.planners.scenes import Instance
 
 POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))
 PRECISE = "tlbo_precise"

@@ -13,14 +13,28 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from simloop import bench_planners, planners
 from simloop.benchmarks.loop_speed import machine
+from simloop.benchmarks.planners.jobs import make_jobs, run_jobs
+from simloop.benchmarks.planners.scenes import SCENE_NAMES
+from simloop.benchmarks.planners.statistics import compare
+from simloop.benchmarks.planners.tasks import (
+    Task,
+    check_scene,
+    load_scene,
+    scene_names,
+    with_best_known,
+)
+from simloop.benchmarks.planners.trials import (
+    PRECISE,
+    Trial,
+    handles,
+    is_rule,
+    prepare,
+    settings,
+    time_plans,
+)
 from simloop.config import PlannerConfig
 from simloop.errors import InputError, did_you_mean
 from simloop.metrics import versions
-from simloop.peers.campaign import make_jobs, run_jobs
-from simloop.peers.statistics import compare
-from simloop.peers.tasks import Task, check_scene, load_scene, scene_names, with_best_known
-from simloop.peers.trials import PRECISE, Trial, handles, is_rule, prepare, settings, time_plans
-from simloop.planners.scenes import SCENE_NAMES
 
 LEAD = "tlbo"
 BUDGET, SEEDS, FEW, LEARNERS = 5_000, 12, 3, 100

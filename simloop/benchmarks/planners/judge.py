@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from simloop.bench_planners import path_cost
+from simloop.benchmarks.planners.scenes import Instance, box_distance
 from simloop.config import PlannerConfig
 from simloop.messages import FloatArray
 from simloop.planners.clearance import SAFE_WITHIN_M
 from simloop.planners.objective import LEAST_INTRUSION_M
-from simloop.planners.scenes import Instance, box_distance
 
 AT_GOAL_M = 1e-6
 _SAMPLE_M = 1e-3

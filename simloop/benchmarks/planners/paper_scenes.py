@@ -20,9 +20,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from simloop.benchmarks.planners.scenes import Instance, disc_world, scene, true_clearance
 from simloop.messages import FloatArray, WorldView
 from simloop.planners.online import Mover, OnlineWorld, Track
-from simloop.planners.scenes import Instance, disc_world, scene, true_clearance
 
 PAPER_SCENES = (
     "sabiha4",

@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 
+from simloop.benchmarks.planners.judge import judge
+from simloop.benchmarks.planners.scenes import Instance
+from simloop.benchmarks.planners.trials import plan_once, prepare
 from simloop.config import PlannerConfig
 from simloop.errors import InputError
 from simloop.messages import FloatArray
-from simloop.peers.judge import judge
-from simloop.peers.trials import plan_once, prepare
-from simloop.planners.scenes import Instance
 
 COUNT, COMPONENTS, FOLDS = 38, 2, 7
 NAMES = ("w1", "w2", "J1", "J2")

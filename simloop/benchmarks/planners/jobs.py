@@ -8,9 +8,16 @@ from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from multiprocessing import active_children, get_context
 
-from simloop.peers.tasks import Task
-from simloop.peers.trials import Trial, handles, is_by_chance, is_slow, settings, try_once
-from simloop.planners.scenes import Instance
+from simloop.benchmarks.planners.scenes import Instance
+from simloop.benchmarks.planners.tasks import Task
+from simloop.benchmarks.planners.trials import (
+    Trial,
+    handles,
+    is_by_chance,
+    is_slow,
+    settings,
+    try_once,
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from simloop.benchmarks.planners.scenes import Instance
 from simloop.errors import InputError
 from simloop.messages import FloatArray, WorldView
-from simloop.planners.scenes import Instance
 
 CELL_M = 0.2
 SAFE_CELLS = 0.35

@@ -12,12 +12,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from simloop.benchmarks.planners.judge import judge
+from simloop.benchmarks.planners.paper_scenes import online_scene, paper_scene
+from simloop.benchmarks.planners.trials import plan_once, plan_timed, prepare
 from simloop.config import PlannerConfig
 from simloop.messages import Plan
-from simloop.peers.judge import judge
-from simloop.peers.trials import plan_once, plan_timed, prepare
 from simloop.planners.online import simulate
-from simloop.planners.paper_scenes import online_scene, paper_scene
 
 Row = Sequence[str | float]
 

@@ -8,13 +8,13 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+from simloop.benchmarks.planners import paper_tables
+from simloop.benchmarks.planners.bench import LEAD, Result, rank
+from simloop.benchmarks.planners.paper_tables import PaperTable
+from simloop.benchmarks.planners.tasks import load_scene
+from simloop.benchmarks.planners.weights import PRINTED, study
 from simloop.errors import InputError
 from simloop.outputs import check_directory, write_text
-from simloop.peers import paper_tables
-from simloop.peers.bench import LEAD, Result, rank
-from simloop.peers.paper_tables import PaperTable
-from simloop.peers.tasks import load_scene
-from simloop.peers.weights import PRINTED, study
 
 _TEMPLATE = Path(__file__).with_name("page.html.j2")
 
@@ -52,7 +52,7 @@ def write(directory: Path, result: Result, figures: dict[str, Any]) -> Path:
 def render(result: Result, figures: dict[str, Any], tables: list[PaperTable], weights: Any) -> str:
     """The page's text."""
     jinja2 = importlib.import_module("jinja2")
-    charts = importlib.import_module("simloop.peers.charts")
+    charts = importlib.import_module("simloop.benchmarks.planners.charts")
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )

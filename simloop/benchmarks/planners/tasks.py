@@ -6,14 +6,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from simloop.bench_planners import optimum
+from simloop.benchmarks.planners.judge import judge
+from simloop.benchmarks.planners.map_files import is_map_file, load_file
+from simloop.benchmarks.planners.paper_scenes import (
+    ONLINE_SCENES,
+    PAPER_SCENES,
+    online_scene,
+    paper_scene,
+)
+from simloop.benchmarks.planners.scenes import SCENE_NAMES, Instance, scene
+from simloop.benchmarks.planners.trials import Trial, moving_instance, plan_once, prepare
 from simloop.config import PlannerConfig
 from simloop.errors import InputError, did_you_mean
-from simloop.peers.judge import judge
-from simloop.peers.map_files import is_map_file, load_file
-from simloop.peers.trials import Trial, moving_instance, plan_once, prepare
-from simloop.planners.paper_scenes import ONLINE_SCENES, PAPER_SCENES, online_scene, paper_scene
 from simloop.planners.reference import kind_of
-from simloop.planners.scenes import SCENE_NAMES, Instance, scene
 
 
 @dataclass(frozen=True, slots=True, eq=False)
