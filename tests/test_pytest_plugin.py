@@ -10,7 +10,7 @@ import pytest
 pytest_plugins = ["pytester"]
 
 OWN = """
-pytest_plugins = ["simloop.pytest_plugin"]
+pytest_plugins = ["simloop.campaign.pytest_plugin"]
 
 def test_reaches(simloop_run):
     simloop_run("open", seed=1, overrides=["goal=[1.0,0.0]"]).assert_reached(within_s=20)
@@ -39,7 +39,7 @@ def test_three_lines_make_a_regression_test(pytester: pytest.Pytester):
 
 def test_the_plugin_alone_imports_nothing_slow():
     code = (
-        "import simloop.pytest_plugin, sys; "
+        "import simloop.campaign.pytest_plugin, sys; "
         "print([m for m in ('mujoco', 'numba', 'numpy') if m in sys.modules])"
     )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
