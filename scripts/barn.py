@@ -23,8 +23,8 @@ import numpy as np
 import typer
 from rich.console import Console
 
-from simloop.cli import run_command
-from simloop.cli_common import check_json, write_json
+from simloop.cli.common import check_json, write_json
+from simloop.cli.main import run_command
 from simloop.errors import InputError
 from simloop.loop import Simulation
 from simloop.messages import Message, Truth

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from simloop.cli import main
+from simloop.cli.main import main
 
 if __name__ == "__main__":
     sys.argv[1:] = ["bench", "loop", *sys.argv[1:]]

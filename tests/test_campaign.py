@@ -240,7 +240,7 @@ def test_compare_finds_what_changed_and_leaves_chance_alone():
 def command(out, seeds="0:12"):
     overrides = [part for text in QUICK for part in ("--set", text)]
     options = ["--no-report", "--record-failures", "0", "--workers", "1", "--out", str(out)]
-    program = [sys.executable, "-m", "simloop.cli", "campaign", "open", "--seeds", seeds]
+    program = [sys.executable, "-m", "simloop.cli.main", "campaign", "open", "--seeds", seeds]
     return [*program, *options, *overrides]
 
 

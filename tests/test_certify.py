@@ -10,7 +10,7 @@ import pytest
 from simloop import certify
 from simloop.certify.checks import Check, absolute, at_most, relative, verdict
 from simloop.certify.rig import Rig
-from simloop.cli import app
+from simloop.cli.main import app
 
 QUICK = ["straight", "payload", "zones", "loose", "steps", "ramps", "tipping", "braking", "shorted"]
 SLOW = [name for name in certify.families() if name not in (*QUICK, "native")]

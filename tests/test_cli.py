@@ -22,7 +22,7 @@ SHORT = ("--set", "goal=[0.5, 0.0]")
 
 
 def simloop(*arguments, cwd=None, **kwargs):
-    command = [sys.executable, "-m", "simloop.cli", *map(str, arguments)]
+    command = [sys.executable, "-m", "simloop.cli.main", *map(str, arguments)]
     return subprocess.run(
         command, capture_output=True, text=True, timeout=300, cwd=cwd, check=False, **kwargs
     )
@@ -178,7 +178,15 @@ def test_a_second_process_compiles_nothing():
 
 @pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_keeps_what_there_is(tmp_path, sent):
-    command = [sys.executable, "-m", "simloop.cli", "run", "open", "--json", tmp_path / "x.json"]
+    command = [
+        sys.executable,
+        "-m",
+        "simloop.cli.main",
+        "run",
+        "open",
+        "--json",
+        tmp_path / "x.json",
+    ]
     command += ["--set", "rates.physics_s=0.00002"]  # a hundred times the work: slow enough
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     while not (tmp_path / "x.config.toml").exists() and process.poll() is None:

@@ -19,7 +19,7 @@ from simloop.benchmarks.planners.scenes import scene, true_clearance
 from simloop.benchmarks.planners.tasks import load_scene, with_best_known
 from simloop.benchmarks.planners.trials import settings as trial_settings
 from simloop.benchmarks.planners.trials import try_once
-from simloop.cli import app, main
+from simloop.cli.main import app, main
 from simloop.errors import InputError
 
 S1 = scene("S1")[0]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from simloop.benchmarks.planners.scenes import scene
-from simloop.cli import run_scenario
+from simloop.cli.main import run_scenario
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.plan_log import PlanLog, least_cost
 from simloop.planners.exact import exact_path

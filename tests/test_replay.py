@@ -172,7 +172,7 @@ def test_relations_come_back_from_their_file(tmp_path):
 
 
 def replay(*args):
-    command = [sys.executable, "-m", "simloop.cli", "replay", *map(str, args)]
+    command = [sys.executable, "-m", "simloop.cli.main", "replay", *map(str, args)]
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 

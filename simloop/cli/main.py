@@ -17,9 +17,9 @@ import typer
 from rich.console import Console
 
 from simloop import __version__
-from simloop.cli_bench import bench_app, replay
-from simloop.cli_campaign import campaign
-from simloop.cli_common import (
+from simloop.cli.bench import bench_app, replay
+from simloop.cli.campaign import campaign
+from simloop.cli.common import (
     INTERRUPTED,
     JsonFile,
     Overrides,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from simloop.cli_common import INTERRUPTED, JsonFile, Overrides, check_json, stop_asked, write_json
+from simloop.cli.common import INTERRUPTED, JsonFile, Overrides, check_json, stop_asked, write_json
 from simloop.errors import InputError
 
 if TYPE_CHECKING:

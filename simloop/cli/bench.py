@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from simloop.cli_common import (
+from simloop.cli.common import (
     INTERRUPTED,
     JsonFile,
     Overrides,
