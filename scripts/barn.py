@@ -25,10 +25,10 @@ from rich.console import Console
 
 from simloop.cli.common import check_json, write_json
 from simloop.cli.main import run_command
-from simloop.errors import InputError
+from simloop.common.errors import InputError
+from simloop.common.terminal import counting, print_table
 from simloop.loop import Simulation
 from simloop.messages import Message, Truth
-from simloop.report import counting, print_table
 from simloop.scenario import Scenario, apply_override, from_table
 from simloop.shortest import shortest_path
 from simloop.world import World, build_world

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from simloop.errors import InputError
+from simloop.common.errors import InputError
 from simloop.loop import Simulation
 from simloop.scenario import load
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import tomllib
 from pathlib import Path
 
-from simloop import paths, planners
+from simloop import planners
+from simloop.common import data_files as paths
 
 
 def scenario_files() -> dict[str, Path]:

@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 from pydantic.dataclasses import dataclass
 
-from simloop.quantities import (
+from simloop.common.quantities import (
     STRICT,
     Angle,
     Fraction,

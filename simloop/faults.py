@@ -15,9 +15,9 @@ import numpy as np
 from pydantic import Field, model_validator
 from pydantic.dataclasses import dataclass
 
+from simloop.common.quantities import STRICT, has_area
 from simloop.messages import DepthImage, EncoderReading, FloatArray, ImuReading, LidarScan, Truth
 from simloop.obstacles import Coordinate, Point
-from simloop.quantities import STRICT, has_area
 from simloop.sensors import RayCaster
 
 Seconds = Annotated[float, Field(ge=0.0, le=1e6)]

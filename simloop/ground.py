@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 from scipy.ndimage import gaussian_filter, zoom
 
-from simloop.images import read_grey
+from simloop.common.grey_image import read_grey
 from simloop.messages import FloatArray
 from simloop.movers.settings import Mover
 from simloop.terrain import HeightField, Loose, Ramp, Step, Terrain

@@ -15,6 +15,7 @@ from collections import deque
 import numpy as np
 
 from simloop import health as reason
+from simloop.common.profiler import Profiler
 from simloop.config import Config
 from simloop.ekf import Ekf
 from simloop.ekf_model import BIAS, ICR_X, RATE, SPEED, STATES
@@ -33,7 +34,6 @@ from simloop.messages import (
 )
 from simloop.mover_tracks import MoverWatch
 from simloop.odometry import DeadReckoning
-from simloop.profiler import Profiler
 from simloop.relocalise import SearchMap, relocalise
 from simloop.se2 import between, compose
 from simloop.slam_grid import GridSlam

@@ -11,13 +11,13 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from simloop.common.profiler import Profiler
 from simloop.depth_camera import DepthCamera, RayFan
 from simloop.faults import Faults
 from simloop.messages import DepthImage, GoalReading, LidarScan, Message, Truth
 from simloop.metrics import RunMetrics
 from simloop.movers.crowd import Crowd, MovingGoal
 from simloop.plant import Plant
-from simloop.profiler import Profiler
 from simloop.robot import Mission, Robot
 from simloop.scenario import Scenario
 from simloop.sensors import Encoders, Imu, Lidar

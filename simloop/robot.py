@@ -12,6 +12,7 @@ import numpy as np
 
 from simloop.bezier import Smoother
 from simloop.blockage import stands_in_the_way
+from simloop.common.profiler import Profiler
 from simloop.config import Config
 from simloop.ekf import GAUGE
 from simloop.foreseen import foresee
@@ -35,7 +36,6 @@ from simloop.messages import (
 )
 from simloop.monitor import CollisionMonitor
 from simloop.outside import opened
-from simloop.profiler import Profiler
 from simloop.pursuit import Pursuit
 from simloop.reachability import Reachability
 from simloop.recovery import Recovery

@@ -23,8 +23,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from simloop.common.grey_image import read_grey
 from simloop.config import FrictionImage, FrictionZone, MotorConfig, TracksConfig, VehicleConfig
-from simloop.images import read_grey
 from simloop.messages import FloatArray
 
 # What a geom is, as the kernel sees it; road wheel i is WHEEL + i.

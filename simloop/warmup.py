@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from simloop.compile_listener import Report, listening, silent
+from simloop.common.compile_listener import Report, listening, silent
 from simloop.scenario import Scenario
 from simloop.world import World
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from simloop.arena import bounds_of, build, floor_plan, overlaps, sections_of
 from simloop.clutter import draw_clutter, is_passable, out_of_plane
-from simloop.errors import InputError
+from simloop.common.errors import InputError
 from simloop.floor_plan import FloorPlan
 from simloop.footprint import least_clearance
 from simloop.messages import FloatArray

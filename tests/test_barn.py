@@ -15,7 +15,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))
 import barn
 
-from simloop.errors import InputError
+from simloop.common.errors import InputError
 
 WORLD = {
     "cyl": [[-2.2, 5.0], [-1.0, 6.0]],

@@ -10,7 +10,7 @@ import pytest
 from simloop.benchmarks.slam import measure, run, summarise
 from simloop.benchmarks.slam_courses import COURSES
 from simloop.benchmarks.slam_drive import drive
-from simloop.errors import InputError
+from simloop.common.errors import InputError
 
 ROBOT_M = 0.34  # from its middle to a corner
 

@@ -27,7 +27,7 @@ from simloop.campaign import (
 )
 from simloop.campaign.spec import Request, RunSpec, parse_seeds, sweep_values
 from simloop.campaign.work import TIMING, do_run, row_of
-from simloop.errors import InputError
+from simloop.common.errors import InputError
 
 QUICK = ("time_limit_s=0.3", "goal=[1.5,0.0]")
 

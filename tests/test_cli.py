@@ -14,9 +14,9 @@ import pytest
 from rich.console import Console
 
 from simloop import __version__
-from simloop.errors import InputError
-from simloop.outputs import check_directory, check_file, choose, write_text
-from simloop.report import compiling, print_result, print_table, progress_bar
+from simloop.common.errors import InputError
+from simloop.common.files import check_directory, check_file, choose, write_text
+from simloop.common.terminal import compiling, print_result, print_table, progress_bar
 
 SHORT = ("--set", "goal=[0.5, 0.0]")
 
@@ -285,7 +285,7 @@ def test_warming_up_counts_what_it_compiles():
     from numba import njit
     from numba.core import event
 
-    from simloop.compile_listener import CompileListener
+    from simloop.common.compile_listener import CompileListener
 
     heard = []
     listener = CompileListener(lambda name, count: heard.append((name, count)))

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from simloop.common.quantities import to_ns
 from simloop.config import Config, LidarConfig, RatesConfig
-from simloop.quantities import to_ns
 
 SLOW = ("control_s", "lidar_s", "plan_s")
 

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from scipy.stats import chi2
 from vehicles import plant_on_plane
 
+from simloop.common.profiler import Profiler
 from simloop.config import EkfConfig, EncoderConfig, ImuConfig, VehicleConfig
 from simloop.ekf import Ekf, PeriodicEkf
 from simloop.ekf_model import (
@@ -34,7 +35,6 @@ from simloop.ekf_model import (
 from simloop.localiser import Localiser
 from simloop.messages import EncoderReading, Frames, ImuReading, PoseFix, Truth
 from simloop.plant import Plant
-from simloop.profiler import Profiler
 from simloop.scenario import load
 from simloop.se2 import wrap_angle
 from simloop.sensors import Encoders, Imu, Lidar

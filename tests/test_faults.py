@@ -7,7 +7,7 @@ import pytest
 from vehicles import plant_on_plane
 
 from simloop.benchmarks import faults as bench_faults
-from simloop.errors import InputError
+from simloop.common.errors import InputError
 from simloop.faults import Fault, Faults, Glass
 from simloop.messages import EncoderReading, ImuReading, LidarScan
 from simloop.scenario import load

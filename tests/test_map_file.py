@@ -9,8 +9,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from simloop.common.errors import InputError
 from simloop.config import SlamConfig
-from simloop.errors import InputError
 from simloop.grid_map import BYTES_A_CELL, GridMap
 from simloop.mapping.map_file import save_map
 from simloop.mapping.map_reader import load_map, read_pgm

@@ -9,12 +9,12 @@ from time import perf_counter
 import numpy as np
 import pytest
 
+from simloop.common.profiler import NullProfiler, Profiler
 from simloop.config import VehicleConfig
 from simloop.floor_plan import Section, rasterise
 from simloop.footprint import clearances, least_clearance
 from simloop.messages import Estimate, Plan, Truth
 from simloop.metrics import RunMetrics, versions
-from simloop.profiler import NullProfiler, Profiler
 from simloop.scenario import load
 from simloop.world import build_world
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from simloop.arena import arena_names, build
+from simloop.common.data_files import models_dir
 from simloop.config import VehicleConfig
-from simloop.paths import models_dir
 
 SENSOR = ("visual_lidar", "hull_mast")
 WHEELS = [f"road_{side}_{i}" for side in ("left", "right") for i in range(6)]

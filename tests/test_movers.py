@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from simloop.common.errors import InputError
 from simloop.config import VehicleConfig
-from simloop.errors import InputError
 from simloop.floor_plan import Section, rasterise
 from simloop.loop import Simulation
 from simloop.messages import GoalReading, LooseTruth, MoverTracks, TrackCommand

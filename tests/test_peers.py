@@ -20,7 +20,7 @@ from simloop.benchmarks.planners.tasks import load_scene, with_best_known
 from simloop.benchmarks.planners.trials import settings as trial_settings
 from simloop.benchmarks.planners.trials import try_once
 from simloop.cli.main import app, main
-from simloop.errors import InputError
+from simloop.common.errors import InputError
 
 S1 = scene("S1")[0]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from simloop.errors import InputError
+from simloop.common.errors import InputError
 from simloop.loop import Simulation
 from simloop.mapping.map_file import save_map
 from simloop.messages import MapUpdate

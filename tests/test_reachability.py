@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from simloop.errors import InputError
+from simloop.common.errors import InputError
 from simloop.loop import Simulation
 from simloop.messages import Event, WorldView
 from simloop.reachability import Reachability, is_closed_off

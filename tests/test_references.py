@@ -11,8 +11,8 @@ import pytest
 
 from simloop.bench_planners import path_cost
 from simloop.benchmarks.planners.scenes import box_world, disc_world, scene, true_clearance
+from simloop.common.errors import InputError
 from simloop.config import PlannerConfig, VehicleConfig
-from simloop.errors import InputError
 from simloop.planners.exact import exact_path
 from simloop.planners.ref_grid import spacing
 from simloop.planners.registry import make_planner

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rooms import Room, box
 
-from simloop.errors import InputError
+from simloop.common.errors import InputError
 from simloop.mapping.map_reader import load_map
 from simloop.mapping.settings import MappingConfig
 from simloop.replay.carmen import parse_carmen

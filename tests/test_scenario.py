@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from simloop.catalog import arena_files, planner_names, scenario_facts, scenario_files
-from simloop.errors import InputError
+from simloop.common.errors import InputError
 from simloop.scenario import Scenario, apply_override, from_table, load, to_toml
 from simloop.world import build_world, nearest
 

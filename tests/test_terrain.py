@@ -12,12 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simloop.arena import build
+from simloop.common.data_files import models_dir
+from simloop.common.errors import InputError
+from simloop.common.grey_image import read_grey
 from simloop.config import Config, FrictionImage, FrictionZone
-from simloop.errors import InputError
 from simloop.ground import climbable_height, climbing_angle_of, ground_height, heights_of
-from simloop.images import read_grey
 from simloop.loop import Simulation
-from simloop.paths import models_dir
 from simloop.plant import Plant
 from simloop.scenario import load
 from simloop.scene_shapes import scene_shapes

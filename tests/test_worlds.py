@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simloop.clutter import is_passable
+from simloop.common.errors import InputError
 from simloop.config import VehicleConfig
-from simloop.errors import InputError
 from simloop.floor_plan import rasterise
 from simloop.scenario import load
 from simloop.world import build_world

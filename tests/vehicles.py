@@ -7,8 +7,8 @@ import math
 import mujoco
 import numpy as np
 
+from simloop.common.data_files import models_dir
 from simloop.config import Config
-from simloop.paths import models_dir
 from simloop.plant import Plant
 
 

@@ -11,8 +11,8 @@ from typing import Any
 
 from rich.console import Console
 
+from simloop.common.terminal import print_table
 from simloop.loop import Simulation
-from simloop.report import print_table
 from simloop.scenario import load
 
 _SCENARIO = "faults"

@@ -18,13 +18,13 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
+from simloop.common.profiler import Profiler
+from simloop.common.terminal import print_table
 from simloop.loop import Simulation
 from simloop.messages import FloatArray, Message, TrackCommand
 from simloop.metrics import versions
 from simloop.observers import recorder_for
 from simloop.plant import Plant
-from simloop.profiler import Profiler
-from simloop.report import print_table
 from simloop.scenario import Scenario
 from simloop.sensors import Lidar
 from simloop.warmup import warm_up

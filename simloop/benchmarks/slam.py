@@ -18,8 +18,9 @@ from scipy.stats import chi2
 from simloop.benchmarks.loop_speed import machine
 from simloop.benchmarks.slam_courses import COURSES
 from simloop.benchmarks.slam_drive import Drive, drive
-from simloop.compile_listener import Report, silent
-from simloop.errors import InputError, did_you_mean
+from simloop.common.compile_listener import Report, silent
+from simloop.common.errors import InputError, did_you_mean
+from simloop.common.terminal import print_table
 from simloop.floor_plan import FloorPlan
 from simloop.grid_map import GridMap
 from simloop.mapping.mapper import GraphMapper
@@ -27,7 +28,6 @@ from simloop.mapping.settings import MappingConfig
 from simloop.mapping.warmup import warm_up
 from simloop.messages import FloatArray
 from simloop.metrics import versions
-from simloop.report import print_table
 from simloop.scan_match import deskew
 from simloop.se2 import between, compose, wrap_angle
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from simloop.campaign.summary import FIGURES, CellSummary, cells_of, figure_of
 from simloop.campaign.work import Row
-from simloop.embedded import drawn
+from simloop.common.html_images import drawn
 
 _COLOURS = ("#2b6cb0", "#c0302b", "#2f855a", "#d97706", "#6b46c1", "#4a5568")
 _LABELS = {

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from simloop.campaign.spec import RunSpec
 from simloop.campaign.work import Row
-from simloop.errors import InputError
+from simloop.common.errors import InputError
 
 Done = tuple[RunSpec, Row]
 

@@ -16,7 +16,7 @@ from scipy.stats import binomtest
 from simloop.benchmarks.planners.statistics import holm, wilcoxon
 from simloop.campaign.summary import FIGURES, Cell, cells_of, figure_of
 from simloop.campaign.work import Row
-from simloop.errors import InputError
+from simloop.common.errors import InputError
 
 _LEVEL = 0.05
 _MORE_IS_BETTER = ("success", "min_clearance_m")

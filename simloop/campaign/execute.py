@@ -17,7 +17,7 @@ from multiprocessing import get_context
 
 from simloop.campaign.spec import RunSpec
 from simloop.campaign.work import Row, do_run, leave_interrupts_to_the_parent, row_of
-from simloop.errors import InputError
+from simloop.common.errors import InputError
 
 _AHEAD = 2  # runs handed out for each worker: none waits, and few are lost with a pool
 _LOOK_S = 0.2

@@ -17,8 +17,8 @@ from typing import IO, Any
 
 from simloop.campaign.spec import Request, RunSpec
 from simloop.campaign.work import Row
-from simloop.errors import InputError
-from simloop.outputs import check_directory, write_bytes, write_text
+from simloop.common.errors import InputError
+from simloop.common.files import check_directory, write_bytes, write_text
 
 
 class Journal:

@@ -10,7 +10,7 @@ from simloop.campaign.spec import RunSpec
 from simloop.campaign.summary import Cell
 from simloop.campaign.thresholds import Verdict
 from simloop.campaign.work import Row
-from simloop.outputs import write_bytes
+from simloop.common.files import write_bytes
 
 
 def write_junit(

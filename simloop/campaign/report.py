@@ -12,9 +12,9 @@ from simloop.campaign.spec import RunSpec
 from simloop.campaign.summary import FIGURES, summarise
 from simloop.campaign.thresholds import Verdict
 from simloop.campaign.work import Row
-from simloop.embedded import embedded
-from simloop.errors import InputError
-from simloop.outputs import write_text
+from simloop.common.errors import InputError
+from simloop.common.files import write_text
+from simloop.common.html_images import embedded
 
 _TEMPLATE = Path(__file__).with_name("page.html.j2")
 _PICTURES = 4

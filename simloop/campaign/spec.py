@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from simloop.errors import InputError
+from simloop.common.errors import InputError
 from simloop.scenario import Scenario, load
 
 _MOST_RUNS = 1_000_000

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from simloop.campaign.summary import Cell, cells_of, figure_of, spread
 from simloop.campaign.work import Row
-from simloop.errors import InputError, did_you_mean
+from simloop.common.errors import InputError, did_you_mean
 
 _FORM = re.compile(r"\s*(\w+?)\s*(>=|<=|>|<|==)\s*([-+\d.eE]+)\s*\Z")
 _COMPARE: dict[str, Callable[[float, float], bool]] = {

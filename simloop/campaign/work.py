@@ -9,7 +9,7 @@ from functools import lru_cache
 from typing import Any
 
 from simloop.campaign.spec import RunSpec
-from simloop.errors import InputError
+from simloop.common.errors import InputError
 from simloop.loop import Simulation
 from simloop.world import World, build_world
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from simloop import track_theory as theory
 from simloop.arena import add_payload
+from simloop.common.data_files import models_dir
 from simloop.config import (
     Config,
     MotorConfig,
@@ -25,7 +26,6 @@ from simloop.config import (
     VehicleConfig,
 )
 from simloop.messages import FloatArray, Truth
-from simloop.paths import models_dir
 from simloop.plant import Plant
 
 GRAVITY_MPS2 = 9.81

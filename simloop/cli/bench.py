@@ -100,7 +100,7 @@ def bench_weights(
     """The lead paper's weight study: Pareto front of length and turning, PLS with R2 and Q2."""
     check_json(json_file)
     from simloop.benchmarks.planners import bench, tasks, weights
-    from simloop.report import print_table
+    from simloop.common.terminal import print_table
 
     bench.Request(scenes=(scene,), planners=(planner,)).check()
     done = weights.study(tasks.load_scene(scene)[0].instance, planner, count)
@@ -118,7 +118,7 @@ def bench_faults(
     """Faults on purpose: exit code 0 if the robot handled every one, 1 if not."""
     check_json(json_file)
     from simloop.benchmarks import faults as bench_faults
-    from simloop.report import checking
+    from simloop.common.terminal import checking
 
     trials = []
     with checking(Console(stderr=True)) as report:
@@ -143,7 +143,7 @@ def bench_slam(
 ) -> int:
     """The mapper on simulated courses: errors against the truth, map, speed."""
     from simloop.benchmarks import slam as bench_slam
-    from simloop.report import checking
+    from simloop.common.terminal import checking
 
     check_json(json_file)
     notes = Console(stderr=True)
@@ -173,10 +173,10 @@ def replay(
     ] = None,
 ) -> int:
     """Matcher and mapper on a recorded log of a real robot."""
+    from simloop.common.terminal import counting
     from simloop.mapping.map_reader import load_map
     from simloop.mapping.settings import MappingConfig
     from simloop.replay import session
-    from simloop.report import counting
 
     files = session.ReplayFiles(out, json_file)
     files.check(log, relations, prior, prior and prior.with_suffix(".pgm"))

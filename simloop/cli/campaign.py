@@ -13,7 +13,7 @@ import typer
 from rich.console import Console
 
 from simloop.cli.common import INTERRUPTED, JsonFile, Overrides, check_json, stop_asked, write_json
-from simloop.errors import InputError
+from simloop.common.errors import InputError
 
 if TYPE_CHECKING:
     from simloop.campaign.compare import Change
@@ -76,7 +76,7 @@ def campaign(
     from simloop.campaign.report import check as check_report
     from simloop.campaign.spec import Request, parse_seeds
     from simloop.campaign.thresholds import parse
-    from simloop.outputs import check_file
+    from simloop.common.files import check_file
 
     request = Request(
         tuple(map(_named, scenarios)), parse_seeds(seeds), *map(_tuple, (planner, overrides, sweep))
@@ -205,7 +205,7 @@ def _tell(
 
 def _print(summaries: Sequence[object], verdicts: Sequence[Verdict]) -> None:
     from simloop.campaign.summary import CellSummary
-    from simloop.report import print_table
+    from simloop.common.terminal import print_table
 
     rows = []
     for one in summaries:
@@ -253,7 +253,7 @@ def _compare(before: Path, after: Path, json_file: Path | None) -> int:
     """Exit code 1 where something got significantly worse."""
     from simloop.campaign import compare
     from simloop.campaign.journal import read_results
-    from simloop.report import print_table
+    from simloop.common.terminal import print_table
 
     changes: list[Change] = compare.compare(read_results(before), read_results(after))
     rows = [

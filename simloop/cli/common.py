@@ -42,21 +42,21 @@ def stop_asked() -> Iterator[Callable[[], bool]]:
 
 @contextmanager
 def compiling_shown(notes: Console) -> Iterator[Callable[[str, int], None]]:
-    from simloop.report import compiling
+    from simloop.common.terminal import compiling
 
     with compiling(notes) as report:
         yield report
 
 
 def check_json(path: Path | None) -> None:
-    from simloop.outputs import check_file
+    from simloop.common.files import check_file
 
     if path is not None:
         check_file(path, "--json")
 
 
 def write_json(path: Path | None, figures: dict[str, Any]) -> None:
-    from simloop.outputs import write_text
+    from simloop.common.files import write_text
 
     if path is not None:
         path.parent.mkdir(parents=True, exist_ok=True)

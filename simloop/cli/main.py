@@ -28,11 +28,11 @@ from simloop.cli.common import (
     stop_asked,
     write_json,
 )
-from simloop.errors import InputError
+from simloop.common.errors import InputError
 
 if TYPE_CHECKING:
+    from simloop.common.files import Outputs
     from simloop.loop import RunResult, Simulation
-    from simloop.outputs import Outputs
     from simloop.scenario import Scenario
     from simloop.world import World
 
@@ -106,7 +106,7 @@ def _about(
 def list_choices() -> int:
     """Show the scenarios, planners and arenas that can be named."""
     from simloop import catalog, planners
-    from simloop.report import print_table
+    from simloop.common.terminal import print_table
 
     console = Console()
     facts = {name: catalog.scenario_facts(path) for name, path in catalog.scenario_files().items()}
@@ -137,7 +137,7 @@ def run_scenario(
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
 ) -> int:
     """Run a scenario: exit code 0 if the goal is reached, 1 if the robot fails."""
-    from simloop.outputs import choose
+    from simloop.common.files import choose
     from simloop.scenario import load, resolve
 
     wanted = load(scenario, overrides or (), seed=seed, planner=planner)
@@ -174,9 +174,9 @@ def certify(
     """Track physics against closed forms: exit code 0 if every check holds, 1 if not."""
     from simloop import certify as certificate
     from simloop.benchmarks.loop_speed import machine
-    from simloop.errors import did_you_mean
+    from simloop.common.errors import did_you_mean
+    from simloop.common.terminal import checking, print_certificate
     from simloop.metrics import versions
-    from simloop.report import checking, print_certificate
 
     for name in only or ():
         if name not in certificate.families():
@@ -233,7 +233,7 @@ class _Watch:
 
 
 def _drive(simulation: Simulation, notes: Console, stop: Callable[[], bool]) -> RunResult:
-    from simloop.report import progress_bar
+    from simloop.common.terminal import progress_bar
 
     to_go, limit = simulation.metrics.distance_to_go_m(), simulation.scenario.time_limit_s
     with progress_bar(notes, to_go, limit) as show:
@@ -260,7 +260,7 @@ def _build(scenario: Scenario) -> World:
 
 
 def _print_result(console: Console, metrics: dict[str, Any], outputs: Outputs) -> None:
-    from simloop.report import print_result
+    from simloop.common.terminal import print_result
 
     print_result(console, metrics)
     places = (

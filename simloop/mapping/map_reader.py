@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from simloop.common.errors import InputError
 from simloop.config import SlamConfig
-from simloop.errors import InputError
 from simloop.grid_map import GridMap
 from simloop.messages import FloatArray
 

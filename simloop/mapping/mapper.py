@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 
+from simloop.common.profiler import NullProfiler, Stopwatch
 from simloop.grid_map import GridMap
 from simloop.mapping.closures import ClosureFinder
 from simloop.mapping.pose_graph import Edge, PoseGraph, turned
@@ -18,7 +19,6 @@ from simloop.mapping.scan_tracker import ScanTracker
 from simloop.mapping.settings import MappingConfig
 from simloop.mapping.submap import Submap
 from simloop.messages import FloatArray
-from simloop.profiler import NullProfiler, Stopwatch
 from simloop.se2 import between, compose
 
 STAGES = ("match", "insert", "closures", "graph")

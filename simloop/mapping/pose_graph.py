@@ -14,7 +14,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from simloop.errors import InputError
+from simloop.common.errors import InputError
 from simloop.messages import FloatArray
 
 _ROBUST_SIGMAS = 3.0

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from simloop.compile_listener import Report, listening, silent
+from simloop.common.compile_listener import Report, listening, silent
 from simloop.mapping.mapper import GraphMapper
 from simloop.mapping.settings import MappingConfig
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from simloop.common.errors import did_you_mean
 from simloop.config import PlannerConfig, VehicleConfig
-from simloop.errors import did_you_mean
 from simloop.messages import FloatArray, Plan, WorldView
 from simloop.planners.clearance import Problem
 from simloop.planners.codings import CODINGS, PathObjective, encode, make_coding

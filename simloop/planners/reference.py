@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from simloop.errors import InputError
+from simloop.common.errors import InputError
 from simloop.messages import FloatArray, WorldView
 from simloop.planners.clearance import Problem
 from simloop.planners.rollout import Walk, WalkingPlanner

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simloop.errors import InputError
+from simloop.common.errors import InputError
 from simloop.messages import FloatArray
 from simloop.replay.laser_log import LaserLog, beam_angles, sound_log
 from simloop.se2 import between

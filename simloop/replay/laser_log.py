@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from simloop.errors import InputError
+from simloop.common.errors import InputError
 from simloop.messages import FloatArray
 
 _RANGE_MIN_M = 0.1  # what is nearer is the robot's own, or dust

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from simloop.errors import InputError
+from simloop.common.errors import InputError
 from simloop.messages import FloatArray
 from simloop.replay.laser_log import LaserLog
 from simloop.se2 import wrap_angles

@@ -12,8 +12,11 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from simloop.compile_listener import Report, silent
-from simloop.errors import InputError
+from simloop.common.compile_listener import Report, silent
+from simloop.common.errors import InputError
+from simloop.common.files import check_directory, check_file, write_text
+from simloop.common.profiler import Profiler
+from simloop.common.terminal import print_table
 from simloop.grid_map import GridMap
 from simloop.mapping.localise import Localiser
 from simloop.mapping.map_file import save_map
@@ -22,11 +25,8 @@ from simloop.mapping.settings import MappingConfig
 from simloop.mapping.warmup import warm_up
 from simloop.messages import FloatArray
 from simloop.metrics import versions
-from simloop.outputs import check_directory, check_file, write_text
-from simloop.profiler import Profiler
 from simloop.replay.laser_log import LaserLog, ScanReader, read_log
 from simloop.replay.relations import on_the_relations_clock, read_relations, relation_errors
-from simloop.report import print_table
 
 STDOUT = Path("-")
 

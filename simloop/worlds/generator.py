@@ -11,10 +11,10 @@ from pydantic import Field, model_validator
 from pydantic.dataclasses import dataclass
 
 from simloop.clutter import is_passable
+from simloop.common.quantities import STRICT, Fraction, reject
 from simloop.config import VehicleConfig
 from simloop.floor_plan import rasterise
 from simloop.obstacles import Obstacle
-from simloop.quantities import STRICT, Fraction, reject
 from simloop.worlds import buildings, fields, mazes
 from simloop.worlds.layout import WALL_M, Bounds, Layout, walls_about
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from simloop.errors import InputError
+from simloop.common.errors import InputError
 from simloop.mapping.map_reader import read_cells
 from simloop.worlds.layout import Layout, box
 

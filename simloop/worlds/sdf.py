@@ -13,7 +13,7 @@ from xml.etree import ElementTree as Xml
 
 import numpy as np
 
-from simloop.errors import InputError
+from simloop.common.errors import InputError
 from simloop.messages import FloatArray
 from simloop.obstacles import Obstacle, ShapeName
 from simloop.se2 import compose

@@ -32,8 +32,8 @@ from simloop.benchmarks.planners.trials import (
     settings,
     time_plans,
 )
+from simloop.common.errors import InputError, did_you_mean
 from simloop.config import PlannerConfig
-from simloop.errors import InputError, did_you_mean
 from simloop.metrics import versions
 
 LEAD = "tlbo"
@@ -286,7 +286,7 @@ def _compare(named: dict[str, dict[tuple[str, int], float]]) -> dict[str, Any]:
 
 def print_figures(console: Console, found: dict[str, Any]) -> None:
     """The figures as tables for the terminal."""
-    from simloop.report import print_table
+    from simloop.common.terminal import print_table
 
     header = [
         "planner",

@@ -15,7 +15,7 @@ from simloop.benchmarks.planners.bench import LEAD, Result, gaps_of, is_metaheur
 from simloop.benchmarks.planners.scenes import Instance
 from simloop.benchmarks.planners.statistics import convergence, ecdf
 from simloop.benchmarks.planners.weights import NAMES, Study
-from simloop.embedded import drawn
+from simloop.common.html_images import drawn
 
 _LEAD_COLOUR, _SAFE, _UNSAFE, _SOLID = "#c0302b", "#2b6cb0", "#d97706", "#b8bec6"
 _GRID_POINTS = 60

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from simloop.benchmarks.planners.scenes import Instance
-from simloop.errors import InputError
+from simloop.common.errors import InputError
 from simloop.messages import FloatArray, WorldView
 
 CELL_M = 0.2

@@ -13,8 +13,8 @@ from simloop.benchmarks.planners.bench import LEAD, Result, rank
 from simloop.benchmarks.planners.paper_tables import PaperTable
 from simloop.benchmarks.planners.tasks import load_scene
 from simloop.benchmarks.planners.weights import PRINTED, study
-from simloop.errors import InputError
-from simloop.outputs import check_directory, write_text
+from simloop.common.errors import InputError
+from simloop.common.files import check_directory, write_text
 
 _TEMPLATE = Path(__file__).with_name("page.html.j2")
 

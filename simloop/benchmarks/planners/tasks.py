@@ -16,8 +16,8 @@ from simloop.benchmarks.planners.paper_scenes import (
 )
 from simloop.benchmarks.planners.scenes import SCENE_NAMES, Instance, scene
 from simloop.benchmarks.planners.trials import Trial, moving_instance, plan_once, prepare
+from simloop.common.errors import InputError, did_you_mean
 from simloop.config import PlannerConfig
-from simloop.errors import InputError, did_you_mean
 from simloop.planners.reference import kind_of
 
 

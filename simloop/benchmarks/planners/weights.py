@@ -19,8 +19,8 @@ import numpy as np
 from simloop.benchmarks.planners.judge import judge
 from simloop.benchmarks.planners.scenes import Instance
 from simloop.benchmarks.planners.trials import plan_once, prepare
+from simloop.common.errors import InputError
 from simloop.config import PlannerConfig
-from simloop.errors import InputError
 from simloop.messages import FloatArray
 
 COUNT, COMPONENTS, FOLDS = 38, 2, 7

@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from simloop.errors import InputError
+from simloop.common.errors import InputError
 from simloop.messages import FloatArray
 
 _MOST_PIXELS = 16_000_000

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from simloop.errors import InputError
+from simloop.common.errors import InputError
 from simloop.scenario import Scenario, to_toml
 
 
