@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 
+from simloop.control.collision_monitor import CollisionMonitor
 from simloop.messages import FloatArray
-from simloop.monitor import CollisionMonitor
 from simloop.se2 import wrap_angle
 
 _BEHIND_RAD = 0.5 * math.pi

@@ -14,6 +14,10 @@ from simloop.bezier import Smoother
 from simloop.blockage import stands_in_the_way
 from simloop.common.profiler import Profiler
 from simloop.config import Config
+from simloop.control.collision_monitor import CollisionMonitor
+from simloop.control.recovery import Recovery
+from simloop.control.separation import Separation
+from simloop.control.watchdog import OLD_PATH, StandingCounts, Watchdog
 from simloop.ekf import GAUGE
 from simloop.foreseen import foresee
 from simloop.localiser import Localiser
@@ -34,16 +38,12 @@ from simloop.messages import (
     TrackCommand,
     WorldView,
 )
-from simloop.monitor import CollisionMonitor
 from simloop.outside import opened
 from simloop.pursuit import Pursuit
 from simloop.reachability import Reachability
-from simloop.recovery import Recovery
 from simloop.reversing import rear_first
 from simloop.se2 import about_face
-from simloop.separation import Separation
 from simloop.tracker import Drive, Tracker
-from simloop.watchdog import OLD_PATH, StandingCounts, Watchdog
 from simloop.widths import WidthPlanner
 
 _BLOCKED_SLACK_M = 0.02  # the map's grain: a path is blocked only when it is clearly so

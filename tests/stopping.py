@@ -12,7 +12,7 @@ from collections import deque
 import numpy as np
 
 from simloop.config import TrackerConfig, VehicleConfig
-from simloop.monitor import CollisionMonitor
+from simloop.control.collision_monitor import CollisionMonitor
 
 CONFIG, VEHICLE = TrackerConfig(), VehicleConfig()
 HALF = np.array([0.5 * VEHICLE.length_m, 0.5 * VEHICLE.width_m])

@@ -12,12 +12,19 @@ from hypothesis import strategies as st
 
 from simloop.changes import ChangeDetector
 from simloop.config import TrackerConfig, VehicleConfig
+from simloop.control.collision_monitor import CollisionMonitor
+from simloop.control.separation import (
+    Separation,
+    discs_at,
+    gap_after,
+    least_gap,
+    safe_part,
+    stays_clear,
+)
 from simloop.foreseen import foresee, meeting_time, put_discs
 from simloop.messages import GoalReading, MoverTracks, WorldView
-from simloop.monitor import CollisionMonitor
 from simloop.mover_tracks import MoverWatch, cluster, things_in
 from simloop.pursuit import Pursuit
-from simloop.separation import Separation, discs_at, gap_after, least_gap, safe_part, stays_clear
 
 LIMITS = np.array([0.15, 1.0, 6.0, 0.245, 0.2325, 0.06])
 HALF = LIMITS[3:5]

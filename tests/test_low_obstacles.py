@@ -14,16 +14,16 @@ from test_sensors import truth_at
 
 from simloop.arena import build, floor_plan
 from simloop.config import CameraConfig, Config, LowObstaclesConfig, RatesConfig, SlamConfig
+from simloop.control.collision_monitor import CollisionMonitor
+from simloop.control.watchdog import BLIND
 from simloop.depth_camera import DepthCamera
 from simloop.grid_map import GridMap
 from simloop.loop import Simulation
 from simloop.low_obstacles import LowObstacleMap, in_the_way, looking_ahead, seen_too
 from simloop.messages import DepthImage, Event, LowObstacles, MoverTracks, Truth
-from simloop.monitor import CollisionMonitor
 from simloop.obstacles import Obstacle
 from simloop.plant import Plant
 from simloop.scenario import load
-from simloop.watchdog import BLIND
 
 MOUNT = np.array([0.205, 0.0, 0.158])
 CLEAN = CameraConfig(enabled=True, noise_1pm=0.0, dropout=0.0)

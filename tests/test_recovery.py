@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from simloop.config import TrackerConfig, VehicleConfig
+from simloop.control.collision_monitor import CollisionMonitor, room_after
+from simloop.control.recovery import MOST_RECOVERIES, Recovery
 from simloop.ekf import GAUGE
 from simloop.loop import Simulation
 from simloop.messages import Estimate, Event
-from simloop.monitor import CollisionMonitor, room_after
-from simloop.recovery import MOST_RECOVERIES, Recovery
 from simloop.scenario import load
 
 CONFIG, VEHICLE = TrackerConfig(), VehicleConfig()

@@ -12,10 +12,10 @@ from test_bezier import smooth
 from test_tracker import CONFIG, ENCODER, MOTOR, VEHICLE, K, at_pose, estimate_of, tracker_to
 from vehicles import plant_on_plane
 
+from simloop.control.collision_monitor import CollisionMonitor
 from simloop.footprint import outline_corners
 from simloop.loop import Simulation
 from simloop.messages import TrackCommand, Truth
-from simloop.monitor import CollisionMonitor
 from simloop.reversing import rear_first
 from simloop.scenario import load
 from simloop.se2 import about_face, wrap_angle

@@ -15,9 +15,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from stopping import CONFIG, HALF, VEHICLE, at_arc, box, drive_blindly, gaps, in_frame, samples
 
+from simloop.control.collision_monitor import CollisionMonitor, allowed_part, free_fraction
 from simloop.loop import Simulation
 from simloop.messages import LidarScan, Truth
-from simloop.monitor import CollisionMonitor, allowed_part, free_fraction
 from simloop.scenario import load
 
 LIMITS = np.array(

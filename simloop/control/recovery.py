@@ -14,8 +14,8 @@ import math
 import numpy as np
 
 from simloop.config import TrackerConfig
+from simloop.control.collision_monitor import CollisionMonitor
 from simloop.messages import Estimate, FloatArray
-from simloop.monitor import CollisionMonitor
 from simloop.se2 import wrap_angle
 
 MOST_RECOVERIES = 8

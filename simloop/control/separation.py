@@ -13,8 +13,13 @@ import numpy as np
 from numba import njit
 
 from simloop.config import TrackerConfig, VehicleConfig
+from simloop.control.collision_monitor import (
+    CollisionMonitor,
+    arc_end,
+    rectangle_distance,
+    stopping_limits,
+)
 from simloop.messages import FloatArray, MoverTracks
-from simloop.monitor import CollisionMonitor, arc_end, rectangle_distance, stopping_limits
 
 _STEP_S = 0.05
 _PARTS = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1)
