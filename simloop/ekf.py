@@ -21,8 +21,8 @@ from filterpy.kalman import ExtendedKalmanFilter
 from scipy.special import chdtri
 
 from simloop.config import EkfConfig, EncoderConfig, ImuConfig, VehicleConfig
-from simloop.ekf_history import History
-from simloop.ekf_model import (
+from simloop.estimation.ekf_history import History
+from simloop.estimation.ekf_model import (
     BIAS,
     GAUGE,
     ICR_X,

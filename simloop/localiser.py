@@ -14,13 +14,15 @@ from collections import deque
 
 import numpy as np
 
-from simloop import health as reason
 from simloop.common.profiler import Profiler
 from simloop.config import Config
 from simloop.ekf import Ekf
-from simloop.ekf_model import BIAS, ICR_X, RATE, SPEED, STATES
-from simloop.health import HealthMonitor
-from simloop.increments import Trail
+from simloop.estimation import health as reason
+from simloop.estimation.dead_reckoning import DeadReckoning
+from simloop.estimation.ekf_model import BIAS, ICR_X, RATE, SPEED, STATES
+from simloop.estimation.health import HealthMonitor
+from simloop.estimation.motion_votes import Trail
+from simloop.estimation.relocalise import SearchMap, relocalise
 from simloop.messages import (
     EncoderReading,
     Estimate,
@@ -33,8 +35,6 @@ from simloop.messages import (
     PoseFix,
 )
 from simloop.mover_tracks import MoverWatch
-from simloop.odometry import DeadReckoning
-from simloop.relocalise import SearchMap, relocalise
 from simloop.se2 import between, compose
 from simloop.slam_grid import GridSlam
 

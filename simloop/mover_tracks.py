@@ -18,7 +18,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from simloop.changes import ChangeDetector
-from simloop.constant_velocity import ConstantVelocity
+from simloop.estimation.constant_velocity import ConstantVelocity
 from simloop.messages import FloatArray, MoverTracks
 from simloop.se2 import transform_points
 

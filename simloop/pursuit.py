@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from simloop.constant_velocity import ConstantVelocity
+from simloop.estimation.constant_velocity import ConstantVelocity
 from simloop.foreseen import meeting_time
 from simloop.messages import FloatArray, GoalReading, WorldView
 

@@ -19,6 +19,7 @@ import numpy as np
 
 from simloop.blueprint import make_blueprint
 from simloop.config import VehicleConfig
+from simloop.estimation.dead_reckoning import compose_all
 from simloop.messages import (
     DepthImage,
     Estimate,
@@ -38,7 +39,6 @@ from simloop.messages import (
     Truth,
     WorldView,
 )
-from simloop.odometry import compose_all
 from simloop.plan_log import PlanRecord
 from simloop.record_columns import (
     DERIVED,

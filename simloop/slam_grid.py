@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simloop.config import SlamConfig, VehicleConfig
-from simloop.ekf_model import inverse_3
+from simloop.estimation.ekf_model import inverse_3
 from simloop.grid_map import NOWHERE_M, GridMap
 from simloop.mapping.map_reader import load_map
 from simloop.messages import FloatArray, LidarScan, PoseFix, WorldView

@@ -15,7 +15,7 @@ from vehicles import plant_on_plane
 from simloop.common.profiler import Profiler
 from simloop.config import EkfConfig, EncoderConfig, ImuConfig, VehicleConfig
 from simloop.ekf import Ekf, PeriodicEkf
-from simloop.ekf_model import (
+from simloop.estimation.ekf_model import (
     BIAS,
     GAUGE,
     NO_LEFT,

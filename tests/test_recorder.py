@@ -14,8 +14,8 @@ import pytest
 from synthetic_run import GOAL, OFF, SyntheticRun
 
 from simloop.arena import bounds_of, build
+from simloop.estimation.dead_reckoning import compose_all
 from simloop.messages import DepthImage, LowObstacles, MapUpdate, Plan, Truth, WorldView
-from simloop.odometry import compose_all
 from simloop.record_columns import ellipses, nees, occupancy_percent
 from simloop.recorder import TIMELINE, NullRecorder, RerunRecorder
 from simloop.scene_shapes import scene_bodies, scene_shapes

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from simloop.config import RatesConfig, TrackerConfig, WatchdogConfig
 from simloop.control.watchdog import DEAF, LATE, NO_BELTS, OLD_PATH, StandingCounts, Watchdog
-from simloop.health import LEFT_BELT, NO_COUNTS, NO_IMU, RIGHT_BELT
+from simloop.estimation.health import LEFT_BELT, NO_COUNTS, NO_IMU, RIGHT_BELT
 from simloop.loop import Simulation
 from simloop.messages import EncoderReading, Event, Plan, TrackCommand, Truth
 from simloop.scenario import load

@@ -9,7 +9,7 @@ belts' counts, without which speed is not measured. It goes on when all is fresh
 from __future__ import annotations
 
 from simloop.config import RatesConfig, TrackerConfig, WatchdogConfig
-from simloop.health import LEFT_BELT, NO_COUNTS, NO_IMU, RIGHT_BELT
+from simloop.estimation.health import LEFT_BELT, NO_COUNTS, NO_IMU, RIGHT_BELT
 from simloop.messages import EncoderReading, Event, FloatArray
 
 OLD_PATH = "no new path from the planner"

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simloop.correlative import thinned
-from simloop.ekf_model import inverse_3
+from simloop.estimation.ekf_model import inverse_3
 from simloop.grid_map import GridMap
 from simloop.mapping.settings import MappingConfig
 from simloop.messages import FloatArray

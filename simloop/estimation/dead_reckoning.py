@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from simloop.config import EncoderConfig, VehicleConfig
-from simloop.ekf_model import GAUGE, ICR_X, OFFSET, RATE, SPEED
+from simloop.estimation.ekf_model import GAUGE, ICR_X, OFFSET, RATE, SPEED
 from simloop.messages import EncoderReading, Estimate, FloatArray, Frames
 from simloop.se2 import compose_xyt, inverse_xyt, wrap_angle, wrap_angles
 

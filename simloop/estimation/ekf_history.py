@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from simloop.ekf_model import INPUTS, STATES, replay
+from simloop.estimation.ekf_model import INPUTS, STATES, replay
 from simloop.messages import FloatArray
 
 
