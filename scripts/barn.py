@@ -27,10 +27,10 @@ from simloop.cli.common import check_json, write_json
 from simloop.cli.main import run_command
 from simloop.common.errors import InputError
 from simloop.common.terminal import counting, print_table
+from simloop.evaluation.shortest_path import shortest_path
 from simloop.loop import Simulation
 from simloop.messages import Message, Truth
 from simloop.scenario import Scenario, apply_override, from_table
-from simloop.shortest import shortest_path
 from simloop.world import World, build_world
 from simloop.worlds.sdf import read_sdf
 

@@ -21,8 +21,8 @@ from simloop.benchmarks.loop_speed import machine
 from simloop.benchmarks.planners.scenes import SCENE_NAMES, Instance, scene, true_clearance
 from simloop.common.terminal import print_table
 from simloop.config import PlannerConfig, VehicleConfig
+from simloop.evaluation.metrics import versions
 from simloop.messages import FloatArray
-from simloop.metrics import versions
 from simloop.planners.clearance import SAFE_WITHIN_M
 from simloop.planners.exact import exact_path
 from simloop.planners.registry import make_planner

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from simloop.config import VehicleConfig
+from simloop.evaluation.shortest_path import outline_edges, segment_distances
 from simloop.floor_plan import FloorPlan
 from simloop.messages import FloatArray
-from simloop.shortest import outline_edges, segment_distances
 
 _BATCH = 64
 

@@ -13,9 +13,9 @@ import numpy as np
 
 from simloop.common.profiler import Profiler
 from simloop.depth_camera import DepthCamera, RayFan
+from simloop.evaluation.metrics import RunMetrics
 from simloop.faults import Faults
 from simloop.messages import DepthImage, GoalReading, LidarScan, Message, Truth
-from simloop.metrics import RunMetrics
 from simloop.movers.crowd import Crowd, MovingGoal
 from simloop.plant import Plant
 from simloop.robot import Mission, Robot

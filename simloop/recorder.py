@@ -20,6 +20,7 @@ import numpy as np
 from simloop.blueprint import make_blueprint
 from simloop.config import VehicleConfig
 from simloop.estimation.dead_reckoning import compose_all
+from simloop.evaluation.plan_gap import PlanRecord
 from simloop.messages import (
     DepthImage,
     Estimate,
@@ -39,7 +40,6 @@ from simloop.messages import (
     Truth,
     WorldView,
 )
-from simloop.plan_log import PlanRecord
 from simloop.record_columns import (
     DERIVED,
     SERIES,

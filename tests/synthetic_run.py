@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 
 from simloop.arena import floor_plan
+from simloop.evaluation.shortest_path import shortest_path
 from simloop.messages import (
     EncoderReading,
     Estimate,
@@ -32,7 +33,6 @@ from simloop.messages import (
     WorldView,
 )
 from simloop.se2 import compose, inverse
-from simloop.shortest import shortest_path
 
 GOAL = np.array([3.6, 3.9])
 TICK_NS = 10_000_000

@@ -11,10 +11,10 @@ import pytest
 
 from simloop.common.profiler import NullProfiler, Profiler
 from simloop.config import VehicleConfig
+from simloop.evaluation.metrics import RunMetrics, versions
 from simloop.floor_plan import Section, rasterise
 from simloop.footprint import clearances, least_clearance
 from simloop.messages import Estimate, Plan, Truth
-from simloop.metrics import RunMetrics, versions
 from simloop.scenario import load
 from simloop.world import build_world
 

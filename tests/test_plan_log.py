@@ -11,7 +11,7 @@ import pytest
 from simloop.benchmarks.planners.scenes import scene
 from simloop.cli.main import run_scenario
 from simloop.config import PlannerConfig, VehicleConfig
-from simloop.plan_log import PlanLog, least_cost
+from simloop.evaluation.plan_gap import PlanLog, least_cost
 from simloop.planners.exact import exact_path
 from simloop.planners.registry import make_planner
 

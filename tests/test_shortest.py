@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from simloop.evaluation.shortest_path import segment_distances, shortest_path
 from simloop.floor_plan import Section, rasterise
-from simloop.shortest import segment_distances, shortest_path
 
 BOX = (-10.0, -10.0, 10.0, 10.0)
 

@@ -20,9 +20,9 @@ from rich.console import Console
 
 from simloop.common.profiler import Profiler
 from simloop.common.terminal import print_table
+from simloop.evaluation.metrics import versions
 from simloop.loop import Simulation
 from simloop.messages import FloatArray, Message, TrackCommand
-from simloop.metrics import versions
 from simloop.observers import recorder_for
 from simloop.plant import Plant
 from simloop.scenario import Scenario

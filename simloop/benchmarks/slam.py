@@ -21,13 +21,13 @@ from simloop.benchmarks.slam_drive import Drive, drive
 from simloop.common.compile_listener import Report, silent
 from simloop.common.errors import InputError, did_you_mean
 from simloop.common.terminal import print_table
+from simloop.evaluation.metrics import versions
 from simloop.floor_plan import FloorPlan
 from simloop.grid_map import GridMap
 from simloop.mapping.mapper import GraphMapper
 from simloop.mapping.settings import MappingConfig
 from simloop.mapping.warmup import warm_up
 from simloop.messages import FloatArray
-from simloop.metrics import versions
 from simloop.scan_match import deskew
 from simloop.se2 import between, compose, wrap_angle
 

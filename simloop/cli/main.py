@@ -176,7 +176,7 @@ def certify(
     from simloop.benchmarks.loop_speed import machine
     from simloop.common.errors import did_you_mean
     from simloop.common.terminal import checking, print_certificate
-    from simloop.metrics import versions
+    from simloop.evaluation.metrics import versions
 
     for name in only or ():
         if name not in certificate.families():
@@ -197,10 +197,10 @@ class _Watch:
     """A simulation, and whoever keeps something of it: the recording is closed in any case."""
 
     def __init__(self, scenario: Scenario, world: World, outputs: Outputs) -> None:
+        from simloop.evaluation.metrics import versions
+        from simloop.evaluation.plan_gap import PlanLog
         from simloop.loop import Simulation
-        from simloop.metrics import versions
         from simloop.observers import recorder_for, snapshots_for
-        from simloop.plan_log import PlanLog
 
         self._recorder = self._pictures = self._plans = None
         listeners = []

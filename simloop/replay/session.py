@@ -17,6 +17,7 @@ from simloop.common.errors import InputError
 from simloop.common.files import check_directory, check_file, write_text
 from simloop.common.profiler import Profiler
 from simloop.common.terminal import print_table
+from simloop.evaluation.metrics import versions
 from simloop.grid_map import GridMap
 from simloop.mapping.localise import Localiser
 from simloop.mapping.map_file import save_map
@@ -24,7 +25,6 @@ from simloop.mapping.mapper import GraphMapper
 from simloop.mapping.settings import MappingConfig
 from simloop.mapping.warmup import warm_up
 from simloop.messages import FloatArray
-from simloop.metrics import versions
 from simloop.replay.laser_log import LaserLog, ScanReader, read_log
 from simloop.replay.relations import on_the_relations_clock, read_relations, relation_errors
 

@@ -34,7 +34,7 @@ from simloop.benchmarks.planners.trials import (
 )
 from simloop.common.errors import InputError, did_you_mean
 from simloop.config import PlannerConfig
-from simloop.metrics import versions
+from simloop.evaluation.metrics import versions
 
 LEAD = "tlbo"
 BUDGET, SEEDS, FEW, LEARNERS = 5_000, 12, 3, 100

@@ -16,13 +16,13 @@ from typing import Any, Literal
 import numpy as np
 
 from simloop import __version__
+from simloop.evaluation.health_account import account
+from simloop.evaluation.shortest_path import shortest_path
 from simloop.floor_plan import FloorPlan
 from simloop.footprint import least_clearance
-from simloop.health_account import account
 from simloop.messages import Estimate, FloatArray, Health, Plan, TrackTruth, Truth
 from simloop.scenario import Scenario
 from simloop.se2 import wrap_angles
-from simloop.shortest import shortest_path
 
 Outcome = Literal["reached", "collision", "timeout", "stuck"]
 
