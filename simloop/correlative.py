@@ -17,8 +17,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from simloop.geometry.se2 import wrap_angle
 from simloop.messages import FloatArray
-from simloop.se2 import wrap_angle
 
 MID, TOP = 4, 16
 """Sides of the coarser fields' blocks, in cells."""

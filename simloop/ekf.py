@@ -36,8 +36,8 @@ from simloop.estimation.ekf_model import (
     squared_mahalanobis,
     with_pose_error,
 )
+from simloop.geometry.se2 import wrap_angle
 from simloop.messages import EncoderReading, Estimate, FloatArray, ImuReading, PoseFix
-from simloop.se2 import wrap_angle
 
 __all__ = ["GAUGE", "ICR_X", "OFFSET", "Ekf", "PeriodicEkf"]
 

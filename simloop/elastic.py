@@ -13,9 +13,9 @@ import math
 import numpy as np
 from numba import njit
 
-from simloop.distance_field import Field, footprint_clearance
+from simloop.geometry.distance_field import Field, footprint_clearance
+from simloop.geometry.se2 import wrap_angle
 from simloop.messages import FloatArray
-from simloop.se2 import wrap_angle
 
 _STEP_M = 0.04  # between the places where a leg is looked at
 _LONG_LEG_M = 0.3  # a leg longer than this that passes something gets a waypoint there

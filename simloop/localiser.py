@@ -23,6 +23,7 @@ from simloop.estimation.ekf_model import BIAS, ICR_X, RATE, SPEED, STATES
 from simloop.estimation.health import HealthMonitor
 from simloop.estimation.motion_votes import Trail
 from simloop.estimation.relocalise import SearchMap, relocalise
+from simloop.geometry.se2 import between, compose
 from simloop.messages import (
     EncoderReading,
     Estimate,
@@ -35,7 +36,6 @@ from simloop.messages import (
     PoseFix,
 )
 from simloop.mover_tracks import MoverWatch
-from simloop.se2 import between, compose
 from simloop.slam_grid import GridSlam
 
 _LEAST_POINTS = 30  # in a scan that can contradict: two thin posts that fit nowhere mean little

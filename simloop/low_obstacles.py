@@ -19,10 +19,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from simloop.config import Config, LowObstaclesConfig, SlamConfig
+from simloop.geometry.discs import on_discs
+from simloop.geometry.se2 import transform_points
 from simloop.grid_map import GridMap
 from simloop.messages import DepthImage, FloatArray, MoverTracks, pixel_slopes
-from simloop.obstacle_discs import on_discs
-from simloop.se2 import transform_points
 
 _EDGE_M = 0.04  # two pixels of a column that are so near one another are of one thing
 _NEARER_M = 0.015  # than seen: a corner recedes in the mean of its cell

@@ -21,6 +21,7 @@ from simloop.blueprint import make_blueprint
 from simloop.config import VehicleConfig
 from simloop.estimation.dead_reckoning import compose_all
 from simloop.evaluation.plan_gap import PlanRecord
+from simloop.geometry.se2 import wrap_angles
 from simloop.messages import (
     DepthImage,
     Estimate,
@@ -51,7 +52,6 @@ from simloop.record_columns import (
 )
 from simloop.record_images import depth_columns, occupancy, pinhole
 from simloop.scene_log import BASE, CAMERA, MAP, ODOM, log_scene
-from simloop.se2 import wrap_angles
 from simloop.shapes import Body, Shape
 
 TIMELINE = "sim_time"

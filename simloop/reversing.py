@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 
 from simloop.control.collision_monitor import CollisionMonitor
+from simloop.geometry.se2 import wrap_angle
 from simloop.messages import FloatArray
-from simloop.se2 import wrap_angle
 
 _BEHIND_RAD = 0.5 * math.pi
 _STILL_BEHIND_RAD = 1.2  # for a robot that goes backwards: not to and fro

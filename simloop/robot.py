@@ -20,6 +20,7 @@ from simloop.control.separation import Separation
 from simloop.control.watchdog import OLD_PATH, StandingCounts, Watchdog
 from simloop.ekf import GAUGE
 from simloop.foreseen import foresee
+from simloop.geometry.se2 import about_face
 from simloop.localiser import Localiser
 from simloop.low_obstacles import LowObstacleMap, looking_ahead
 from simloop.messages import (
@@ -42,7 +43,6 @@ from simloop.outside import opened
 from simloop.pursuit import Pursuit
 from simloop.reachability import Reachability
 from simloop.reversing import rear_first
-from simloop.se2 import about_face
 from simloop.tracker import Drive, Tracker
 from simloop.widths import WidthPlanner
 

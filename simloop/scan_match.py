@@ -20,8 +20,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from simloop.geometry.se2 import interpolate_xyt, wrap_angle
 from simloop.messages import FloatArray
-from simloop.se2 import interpolate_xyt, wrap_angle
 
 _ROBUST = 9.0  # squared Mahalanobis distance at which a point's weight has fallen to a quarter
 _LEAST_COUNT = 2  # cells that make a surface

@@ -18,8 +18,8 @@ from numba import njit
 
 from simloop.config import EncoderConfig, MotorConfig, TrackerConfig, VehicleConfig
 from simloop.ekf import GAUGE
+from simloop.geometry.se2 import about_face, wrap_angle
 from simloop.messages import EncoderReading, Estimate, FloatArray, SmoothPath, TrackCommand
-from simloop.se2 import about_face, wrap_angle
 
 _SEARCH_M = 0.5  # how far along the path the nearest point may have moved since last time
 _LEAST_MPS = 0.05  # while a path is followed: no dead start

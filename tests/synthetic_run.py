@@ -15,6 +15,7 @@ import numpy as np
 
 from simloop.arena import floor_plan
 from simloop.evaluation.shortest_path import shortest_path
+from simloop.geometry.se2 import compose, inverse
 from simloop.messages import (
     EncoderReading,
     Estimate,
@@ -32,7 +33,6 @@ from simloop.messages import (
     Truth,
     WorldView,
 )
-from simloop.se2 import compose, inverse
 
 GOAL = np.array([3.6, 3.9])
 TICK_NS = 10_000_000

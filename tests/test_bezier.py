@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from simloop.bezier import C4, Smoother, corner_controls, cubic_sample, fit_corners, sample_path
 from simloop.config import SmootherConfig, VehicleConfig
-from simloop.distance_field import field_of
 from simloop.elastic import leg_cost, make_room
+from simloop.geometry.distance_field import field_of
+from simloop.geometry.se2 import wrap_angle
 from simloop.messages import Plan, WorldView
-from simloop.se2 import wrap_angle
 
 VEHICLE, SAFE = VehicleConfig(), 0.26
 

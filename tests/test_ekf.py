@@ -32,11 +32,11 @@ from simloop.estimation.ekf_model import (
     wheel_jacobian,
     wheel_speed,
 )
+from simloop.geometry.se2 import wrap_angle
 from simloop.localiser import Localiser
 from simloop.messages import EncoderReading, Frames, ImuReading, PoseFix, Truth
 from simloop.plant import Plant
 from simloop.scenario import load
-from simloop.se2 import wrap_angle
 from simloop.sensors import Encoders, Imu, Lidar
 from simloop.world import build_world
 

@@ -12,11 +12,17 @@ from scipy import ndimage
 from scipy.interpolate import RegularGridInterpolator
 
 from simloop.benchmarks.planners.scenes import box_world
-from simloop.distance_field import FREE_M, Field, distance_at, field_of, footprint_clearance
+from simloop.geometry.discs import discs_of
+from simloop.geometry.distance_field import (
+    FREE_M,
+    Field,
+    distance_at,
+    field_of,
+    footprint_clearance,
+)
+from simloop.geometry.se2 import compose, inverse, transform_points
 from simloop.grid_kernels import surface_distance
-from simloop.obstacle_discs import discs_of
 from simloop.scan_match import deskew
-from simloop.se2 import compose, inverse, transform_points
 
 seeds = st.integers(0, 2**32 - 1)
 OFFSETS = np.array([-0.16, 0.0, 0.16])

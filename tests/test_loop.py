@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from simloop.geometry.se2 import wrap_angle
 from simloop.loop import Simulation
 from simloop.messages import (
     Estimate,
@@ -21,7 +22,6 @@ from simloop.messages import (
     Truth,
 )
 from simloop.scenario import load
-from simloop.se2 import wrap_angle
 
 
 class Tape:

@@ -12,12 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rooms import ANGLES, Room, box
 
+from simloop.geometry.se2 import between, compose, wrap_angle
 from simloop.mapping.localise import Localiser, relocalise
 from simloop.mapping.mapper import GraphMapper
 from simloop.mapping.pose_graph import Edge, PoseGraph, turned
 from simloop.mapping.settings import MappingConfig
 from simloop.mapping.submap import meetings
-from simloop.se2 import between, compose, wrap_angle
 
 CONFIG = MappingConfig()
 seeds = st.integers(0, 2**32 - 1)

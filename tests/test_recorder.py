@@ -15,11 +15,11 @@ from synthetic_run import GOAL, OFF, SyntheticRun
 
 from simloop.arena import bounds_of, build
 from simloop.estimation.dead_reckoning import compose_all
+from simloop.geometry.se2 import compose
 from simloop.messages import DepthImage, LowObstacles, MapUpdate, Plan, Truth, WorldView
 from simloop.record_columns import ellipses, nees, occupancy_percent
 from simloop.recorder import TIMELINE, NullRecorder, RerunRecorder
 from simloop.scene_shapes import scene_bodies, scene_shapes
-from simloop.se2 import compose
 
 MODEL = build("experiment")
 SECONDS = 5.0

@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 from rooms import Room, box
 
 from simloop.common.errors import InputError
+from simloop.geometry.se2 import between, compose
 from simloop.mapping.map_reader import load_map
 from simloop.mapping.settings import MappingConfig
 from simloop.replay.carmen import parse_carmen
 from simloop.replay.laser_log import ScanReader, beam_angles, read_log, usable_range_m
 from simloop.replay.relations import poses_at, read_relations, relation_errors, rows_to_text
-from simloop.se2 import between, compose
 
 seeds = st.integers(0, 2**32 - 1)
 ROOM = Room(*box(-3, -2.5, 4, 3), *box(1.0, 1.2, 1.6, 2.0), *box(-2.0, -1.8, -1.5, -1.2))

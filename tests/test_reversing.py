@@ -14,11 +14,11 @@ from vehicles import plant_on_plane
 
 from simloop.control.collision_monitor import CollisionMonitor
 from simloop.footprint import outline_corners
+from simloop.geometry.se2 import about_face, wrap_angle
 from simloop.loop import Simulation
 from simloop.messages import TrackCommand, Truth
 from simloop.reversing import rear_first
 from simloop.scenario import load
-from simloop.se2 import about_face, wrap_angle
 from simloop.sensors import Encoders
 from simloop.tracker import Drive
 

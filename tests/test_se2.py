@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simloop import se2
+from simloop.geometry import se2
 from simloop.messages import FloatArray
 
 _METRES = st.floats(-50.0, 50.0)

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from rooms import ANGLES, Room
 
 from simloop.config import SlamConfig, VehicleConfig
+from simloop.geometry.se2 import wrap_angle
 from simloop.grid_kernels import placed_bounds, trace_scan
 from simloop.messages import LidarScan
 from simloop.scan_match import refine, surface_at
-from simloop.se2 import wrap_angle
 from simloop.slam_grid import GridSlam
 
 CONFIG = SlamConfig()

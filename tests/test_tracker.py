@@ -11,8 +11,8 @@ from vehicles import plant_on_plane
 
 from simloop.config import EncoderConfig, MotorConfig, TrackerConfig, VehicleConfig
 from simloop.ekf import GAUGE
+from simloop.geometry.se2 import wrap_angle
 from simloop.messages import EncoderReading, Estimate
-from simloop.se2 import wrap_angle
 from simloop.sensors import Encoders
 from simloop.tracker import SPEED, Drive, Tracker, speed_profile, sprocket_speeds
 

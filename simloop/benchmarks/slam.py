@@ -23,13 +23,13 @@ from simloop.common.errors import InputError, did_you_mean
 from simloop.common.terminal import print_table
 from simloop.evaluation.metrics import versions
 from simloop.floor_plan import FloorPlan
+from simloop.geometry.se2 import between, compose, wrap_angle
 from simloop.grid_map import GridMap
 from simloop.mapping.mapper import GraphMapper
 from simloop.mapping.settings import MappingConfig
 from simloop.mapping.warmup import warm_up
 from simloop.messages import FloatArray
 from simloop.scan_match import deskew
-from simloop.se2 import between, compose, wrap_angle
 
 _RPE_M = 1.0
 _SUMMARY = ("course", "seeds", "ate_rmse_max_m", "ate_from_start_max_m", "nees_mean")

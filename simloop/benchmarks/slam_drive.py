@@ -17,9 +17,9 @@ from simloop.arena import build, floor_plan
 from simloop.benchmarks.slam_courses import Course
 from simloop.config import Config
 from simloop.floor_plan import FloorPlan
+from simloop.geometry.se2 import wrap_angle
 from simloop.messages import EncoderReading, FloatArray, LidarScan, Truth
 from simloop.plant import Plant
-from simloop.se2 import wrap_angle
 from simloop.sensors import Encoders, Imu, Lidar
 
 _SPEED_MPS, _MOST_RATE = 0.4, 0.8

@@ -15,8 +15,8 @@ import numpy as np
 
 from simloop.config import TrackerConfig
 from simloop.control.collision_monitor import CollisionMonitor
+from simloop.geometry.se2 import wrap_angle
 from simloop.messages import Estimate, FloatArray
-from simloop.se2 import wrap_angle
 
 MOST_RECOVERIES = 8
 _NEARLY_STILL_M = 0.03

@@ -15,8 +15,8 @@ from numba import njit
 
 from simloop.config import EncoderConfig, VehicleConfig
 from simloop.estimation.ekf_model import GAUGE, ICR_X, OFFSET, RATE, SPEED
+from simloop.geometry.se2 import compose_xyt, inverse_xyt, wrap_angle, wrap_angles
 from simloop.messages import EncoderReading, Estimate, FloatArray, Frames
-from simloop.se2 import compose_xyt, inverse_xyt, wrap_angle, wrap_angles
 
 
 @njit(cache=True)

@@ -25,8 +25,8 @@ import math
 import numpy as np
 from numba import njit
 
+from simloop.geometry.se2 import wrap_angle
 from simloop.messages import FloatArray
-from simloop.se2 import wrap_angle
 
 X, Y, YAW, SPEED, RATE, BIAS, GAUGE, OFFSET, ICR_X = range(9)
 STATES = 9

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from simloop.geometry.se2 import between, wrap_angle
 from simloop.messages import FloatArray
-from simloop.se2 import between, wrap_angle
 
 ACCEL_X, ACCEL_Y, GYRO, DT = 6, 7, 8, 9  # columns of a trail, after odom's and the wheels' poses
 SPEED, ASIDE, BELTS = 10, 11, 12

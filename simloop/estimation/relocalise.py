@@ -19,8 +19,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from simloop.geometry.se2 import wrap_angle
 from simloop.messages import FloatArray, PoseFix
-from simloop.se2 import wrap_angle
 
 _STEP_M, _STEP_RAD = 0.1, 2.0 * math.pi / 72
 _SPREAD_M = 0.12  # of the likelihood: half the steps, at a few metres

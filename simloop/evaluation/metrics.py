@@ -20,9 +20,9 @@ from simloop.evaluation.health_account import account
 from simloop.evaluation.shortest_path import shortest_path
 from simloop.floor_plan import FloorPlan
 from simloop.footprint import least_clearance
+from simloop.geometry.se2 import wrap_angles
 from simloop.messages import Estimate, FloatArray, Health, Plan, TrackTruth, Truth
 from simloop.scenario import Scenario
-from simloop.se2 import wrap_angles
 
 Outcome = Literal["reached", "collision", "timeout", "stuck"]
 

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from simloop.correlative import thinned
+from simloop.geometry.se2 import between, compose, transform_points, wrap_angle
 from simloop.mapping.pose_graph import Edge, PoseGraph, turned
 from simloop.mapping.scan_tracker import match_covariance
 from simloop.mapping.settings import MappingConfig
 from simloop.mapping.submap import Submap, meetings
 from simloop.messages import FloatArray
-from simloop.se2 import between, compose, transform_points, wrap_angle
 
 _THIN_M = 0.1
 _RIVAL_M, _RIVAL_RAD = 0.5, 0.35

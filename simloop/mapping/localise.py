@@ -10,13 +10,13 @@ import math
 
 import numpy as np
 
+from simloop.geometry.se2 import between
 from simloop.grid_map import GridMap
 from simloop.mapping.closures import cluster_of
 from simloop.mapping.scan_tracker import ScanTracker
 from simloop.mapping.settings import MappingConfig
 from simloop.mapping.submap import meetings
 from simloop.messages import FloatArray
-from simloop.se2 import between
 
 _RIVAL_M, _RIVAL_RAD = 0.5, 0.35
 _COARSE_POINTS = 150

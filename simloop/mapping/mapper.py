@@ -12,6 +12,7 @@ import math
 import numpy as np
 
 from simloop.common.profiler import NullProfiler, Stopwatch
+from simloop.geometry.se2 import between, compose
 from simloop.grid_map import GridMap
 from simloop.mapping.closures import ClosureFinder
 from simloop.mapping.pose_graph import Edge, PoseGraph, turned
@@ -19,7 +20,6 @@ from simloop.mapping.scan_tracker import ScanTracker
 from simloop.mapping.settings import MappingConfig
 from simloop.mapping.submap import Submap
 from simloop.messages import FloatArray
-from simloop.se2 import between, compose
 
 STAGES = ("match", "insert", "closures", "graph")
 

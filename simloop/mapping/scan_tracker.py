@@ -9,10 +9,10 @@ import numpy as np
 
 from simloop.correlative import thinned
 from simloop.estimation.ekf_model import inverse_3
+from simloop.geometry.se2 import compose, wrap_angle
 from simloop.grid_map import GridMap
 from simloop.mapping.settings import MappingConfig
 from simloop.messages import FloatArray
-from simloop.se2 import compose, wrap_angle
 
 NEXT_TO_NOTHING = 1e-3 * np.eye(3)
 """Information where a match has none at all, as along a corridor: 30 m."""

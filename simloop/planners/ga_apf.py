@@ -33,8 +33,8 @@ import numpy as np
 from numba import njit
 
 from simloop.config import PlannerConfig, VehicleConfig
+from simloop.geometry.discs import discs_of
 from simloop.messages import FloatArray, WorldView
-from simloop.obstacle_discs import discs_of
 from simloop.planners.clearance import Problem
 from simloop.planners.rollout import (
     Walk,

@@ -18,9 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from simloop.common.errors import InputError
+from simloop.geometry.se2 import between
 from simloop.messages import FloatArray
 from simloop.replay.laser_log import LaserLog, beam_angles, sound_log
-from simloop.se2 import between
 
 _OFFSET_PARAMETERS = ("robot_front_laser_offset", "robot_frontlaser_offset")
 _STEADY = 0.01  # m, rad, by which a laser that is bolted on may seem to move: the log's rounding

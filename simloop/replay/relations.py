@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from simloop.common.errors import InputError
+from simloop.geometry.se2 import wrap_angles
 from simloop.messages import FloatArray
 from simloop.replay.laser_log import LaserLog
-from simloop.se2 import wrap_angles
 
 MOST_GAP_S = 1.0
 """Poses are interpolated between scans that lie no further apart: no one knows what was between."""

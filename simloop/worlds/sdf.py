@@ -14,9 +14,9 @@ from xml.etree import ElementTree as Xml
 import numpy as np
 
 from simloop.common.errors import InputError
+from simloop.geometry.se2 import compose
 from simloop.messages import FloatArray
 from simloop.obstacles import Obstacle, ShapeName
-from simloop.se2 import compose
 from simloop.worlds.layout import Bounds, Layout
 
 _MOST_BYTES = 50_000_000
