@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 from rooms import ANGLES, Room, box
 
 from simloop.geometry.se2 import between, compose, wrap_angle
-from simloop.mapping.localise import Localiser, relocalise
-from simloop.mapping.mapper import GraphMapper
-from simloop.mapping.pose_graph import Edge, PoseGraph, turned
-from simloop.mapping.settings import MappingConfig
-from simloop.mapping.submap import meetings
+from simloop.graph_slam.map_localiser import Localiser, relocalise
+from simloop.graph_slam.mapper import GraphMapper
+from simloop.graph_slam.pose_graph import Edge, PoseGraph, turned
+from simloop.graph_slam.settings import MappingConfig
+from simloop.graph_slam.submap import meetings
 
 CONFIG = MappingConfig()
 seeds = st.integers(0, 2**32 - 1)

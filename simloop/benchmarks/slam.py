@@ -24,10 +24,10 @@ from simloop.common.terminal import print_table
 from simloop.evaluation.metrics import versions
 from simloop.floor_plan import FloorPlan
 from simloop.geometry.se2 import between, compose, wrap_angle
+from simloop.graph_slam.mapper import GraphMapper
+from simloop.graph_slam.settings import MappingConfig
+from simloop.graph_slam.warmup import warm_up
 from simloop.grid_map import GridMap
-from simloop.mapping.mapper import GraphMapper
-from simloop.mapping.settings import MappingConfig
-from simloop.mapping.warmup import warm_up
 from simloop.messages import FloatArray
 from simloop.scan_match import deskew
 

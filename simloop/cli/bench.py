@@ -174,8 +174,8 @@ def replay(
 ) -> int:
     """Matcher and mapper on a recorded log of a real robot."""
     from simloop.common.terminal import counting
+    from simloop.graph_slam.settings import MappingConfig
     from simloop.mapping.map_reader import load_map
-    from simloop.mapping.settings import MappingConfig
     from simloop.replay import session
 
     files = session.ReplayFiles(out, json_file)

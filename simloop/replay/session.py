@@ -18,12 +18,12 @@ from simloop.common.files import check_directory, check_file, write_text
 from simloop.common.profiler import Profiler
 from simloop.common.terminal import print_table
 from simloop.evaluation.metrics import versions
+from simloop.graph_slam.map_localiser import Localiser
+from simloop.graph_slam.mapper import GraphMapper
+from simloop.graph_slam.settings import MappingConfig
+from simloop.graph_slam.warmup import warm_up
 from simloop.grid_map import GridMap
-from simloop.mapping.localise import Localiser
 from simloop.mapping.map_file import save_map
-from simloop.mapping.mapper import GraphMapper
-from simloop.mapping.settings import MappingConfig
-from simloop.mapping.warmup import warm_up
 from simloop.messages import FloatArray
 from simloop.replay.laser_log import LaserLog, ScanReader, read_log
 from simloop.replay.relations import on_the_relations_clock, read_relations, relation_errors

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from simloop.common.compile_listener import Report, listening, silent
-from simloop.mapping.mapper import GraphMapper
-from simloop.mapping.settings import MappingConfig
+from simloop.graph_slam.mapper import GraphMapper
+from simloop.graph_slam.settings import MappingConfig
 
 
 def warm_up(report: Report = silent) -> int:

@@ -13,12 +13,12 @@ import numpy as np
 
 from simloop.common.profiler import NullProfiler, Stopwatch
 from simloop.geometry.se2 import between, compose
+from simloop.graph_slam.closures import ClosureFinder
+from simloop.graph_slam.pose_graph import Edge, PoseGraph, turned
+from simloop.graph_slam.scan_tracker import ScanTracker
+from simloop.graph_slam.settings import MappingConfig
+from simloop.graph_slam.submap import Submap
 from simloop.grid_map import GridMap
-from simloop.mapping.closures import ClosureFinder
-from simloop.mapping.pose_graph import Edge, PoseGraph, turned
-from simloop.mapping.scan_tracker import ScanTracker
-from simloop.mapping.settings import MappingConfig
-from simloop.mapping.submap import Submap
 from simloop.messages import FloatArray
 
 STAGES = ("match", "insert", "closures", "graph")
