@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from simloop.config import Config, LowObstaclesConfig, SlamConfig
 from simloop.geometry.discs import on_discs
 from simloop.geometry.se2 import transform_points
-from simloop.grid_map import GridMap
+from simloop.mapping.grid_map import GridMap
 from simloop.messages import DepthImage, FloatArray, MoverTracks, pixel_slopes
 
 _EDGE_M = 0.04  # two pixels of a column that are so near one another are of one thing

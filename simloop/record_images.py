@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from simloop.grid_map import GridMap
+from simloop.mapping.grid_map import GridMap
 from simloop.messages import DepthImage, MapUpdate
 from simloop.record_columns import occupancy_percent
 

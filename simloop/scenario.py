@@ -28,7 +28,7 @@ from simloop.common.errors import InputError, did_you_mean
 from simloop.common.quantities import STRICT, Fraction, Positive, has_area, reject
 from simloop.config import Config, TracksConfig
 from simloop.faults import Fault
-from simloop.mapping.map_reader import load_map
+from simloop.mapping.map_files import load_map
 from simloop.movers.settings import Crowd, GoalMotion, Mover
 from simloop.obstacles import Coordinate, Obstacle, Point
 from simloop.terrain import MOST_ROUGH_STEP_S, Loose, Terrain

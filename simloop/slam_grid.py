@@ -16,10 +16,10 @@ from simloop.config import SlamConfig, VehicleConfig
 from simloop.estimation.ekf_model import inverse_3
 from simloop.geometry.discs import discs_of, on_discs
 from simloop.geometry.se2 import transform_points
-from simloop.grid_map import NOWHERE_M, GridMap
-from simloop.mapping.map_reader import load_map
+from simloop.mapping.grid_map import NOWHERE_M, GridMap
+from simloop.mapping.map_files import load_map
+from simloop.mapping.scan_match import deskew
 from simloop.messages import FloatArray, LidarScan, PoseFix, WorldView
-from simloop.scan_match import deskew
 
 _FIRST_POINTS = 10  # a scan with fewer hits is not matched
 _NEXT_TO_NOTHING = 1e-3 * np.eye(3)  # information where a match has none at all

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simloop.correlative import MID, TOP, raise_field, search, thinned
 from simloop.geometry.se2 import transform_points, wrap_angle
+from simloop.mapping.correlative import MID, TOP, raise_field, search, thinned
 
 seeds = st.integers(0, 2**32 - 1)
 CELL = 0.05

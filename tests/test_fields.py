@@ -21,8 +21,8 @@ from simloop.geometry.distance_field import (
     footprint_clearance,
 )
 from simloop.geometry.se2 import compose, inverse, transform_points
-from simloop.grid_kernels import surface_distance
-from simloop.scan_match import deskew
+from simloop.mapping.grid_kernels import surface_distance
+from simloop.mapping.scan_match import deskew
 
 seeds = st.integers(0, 2**32 - 1)
 OFFSETS = np.array([-0.16, 0.0, 0.16])

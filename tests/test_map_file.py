@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from simloop.common.errors import InputError
 from simloop.config import SlamConfig
-from simloop.grid_map import BYTES_A_CELL, GridMap
+from simloop.mapping.grid_map import BYTES_A_CELL, GridMap
 from simloop.mapping.map_file import save_map
-from simloop.mapping.map_reader import load_map, read_pgm
+from simloop.mapping.map_files import load_map, read_pgm
 
 CONFIG = SlamConfig()
 seeds = st.integers(0, 2**32 - 1)

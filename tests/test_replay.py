@@ -16,7 +16,7 @@ from rooms import Room, box
 from simloop.common.errors import InputError
 from simloop.geometry.se2 import between, compose
 from simloop.graph_slam.settings import MappingConfig
-from simloop.mapping.map_reader import load_map
+from simloop.mapping.map_files import load_map
 from simloop.replay.carmen import parse_carmen
 from simloop.replay.laser_log import ScanReader, beam_angles, read_log, usable_range_m
 from simloop.replay.relations import poses_at, read_relations, relation_errors, rows_to_text

@@ -13,9 +13,9 @@ from rooms import ANGLES, Room
 
 from simloop.config import SlamConfig, VehicleConfig
 from simloop.geometry.se2 import wrap_angle
-from simloop.grid_kernels import placed_bounds, trace_scan
+from simloop.mapping.grid_kernels import placed_bounds, trace_scan
+from simloop.mapping.scan_match import refine, surface_at
 from simloop.messages import LidarScan
-from simloop.scan_match import refine, surface_at
 from simloop.slam_grid import GridSlam
 
 CONFIG = SlamConfig()

@@ -27,9 +27,9 @@ from simloop.geometry.se2 import between, compose, wrap_angle
 from simloop.graph_slam.mapper import GraphMapper
 from simloop.graph_slam.settings import MappingConfig
 from simloop.graph_slam.warmup import warm_up
-from simloop.grid_map import GridMap
+from simloop.mapping.grid_map import GridMap
+from simloop.mapping.scan_match import deskew
 from simloop.messages import FloatArray
-from simloop.scan_match import deskew
 
 _RPE_M = 1.0
 _SUMMARY = ("course", "seeds", "ate_rmse_max_m", "ate_from_start_max_m", "nees_mean")

@@ -175,7 +175,7 @@ def replay(
     """Matcher and mapper on a recorded log of a real robot."""
     from simloop.common.terminal import counting
     from simloop.graph_slam.settings import MappingConfig
-    from simloop.mapping.map_reader import load_map
+    from simloop.mapping.map_files import load_map
     from simloop.replay import session
 
     files = session.ReplayFiles(out, json_file)

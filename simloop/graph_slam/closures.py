@@ -13,12 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simloop.correlative import thinned
 from simloop.geometry.se2 import between, compose, transform_points, wrap_angle
 from simloop.graph_slam.pose_graph import Edge, PoseGraph, turned
 from simloop.graph_slam.scan_tracker import match_covariance
 from simloop.graph_slam.settings import MappingConfig
 from simloop.graph_slam.submap import Submap, meetings
+from simloop.mapping.correlative import thinned
 from simloop.messages import FloatArray
 
 _THIN_M = 0.1

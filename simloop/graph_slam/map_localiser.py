@@ -15,7 +15,7 @@ from simloop.graph_slam.closures import cluster_of
 from simloop.graph_slam.scan_tracker import ScanTracker
 from simloop.graph_slam.settings import MappingConfig
 from simloop.graph_slam.submap import meetings
-from simloop.grid_map import GridMap
+from simloop.mapping.grid_map import GridMap
 from simloop.messages import FloatArray
 
 _RIVAL_M, _RIVAL_RAD = 0.5, 0.35

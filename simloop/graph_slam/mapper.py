@@ -18,7 +18,7 @@ from simloop.graph_slam.pose_graph import Edge, PoseGraph, turned
 from simloop.graph_slam.scan_tracker import ScanTracker
 from simloop.graph_slam.settings import MappingConfig
 from simloop.graph_slam.submap import Submap
-from simloop.grid_map import GridMap
+from simloop.mapping.grid_map import GridMap
 from simloop.messages import FloatArray
 
 STAGES = ("match", "insert", "closures", "graph")

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simloop.correlative import thinned
 from simloop.estimation.ekf_model import inverse_3
 from simloop.geometry.se2 import compose, wrap_angle
 from simloop.graph_slam.settings import MappingConfig
-from simloop.grid_map import GridMap
+from simloop.mapping.correlative import thinned
+from simloop.mapping.grid_map import GridMap
 from simloop.messages import FloatArray
 
 NEXT_TO_NOTHING = 1e-3 * np.eye(3)

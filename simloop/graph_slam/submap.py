@@ -9,7 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from simloop.config import SlamConfig
-from simloop.grid_map import GridMap
+from simloop.mapping.grid_map import GridMap
 from simloop.messages import FloatArray
 
 _FREE_BELOW = -0.3  # log-odds: seen free more than once, and not a surface

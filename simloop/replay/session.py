@@ -22,7 +22,7 @@ from simloop.graph_slam.map_localiser import Localiser
 from simloop.graph_slam.mapper import GraphMapper
 from simloop.graph_slam.settings import MappingConfig
 from simloop.graph_slam.warmup import warm_up
-from simloop.grid_map import GridMap
+from simloop.mapping.grid_map import GridMap
 from simloop.mapping.map_file import save_map
 from simloop.messages import FloatArray
 from simloop.replay.laser_log import LaserLog, ScanReader, read_log

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from simloop.common.errors import InputError
 from simloop.config import SlamConfig
-from simloop.grid_map import GridMap
+from simloop.mapping.grid_map import GridMap
 from simloop.messages import FloatArray
 
 OCCUPIED_ABOVE, FREE_BELOW = 0.65, 0.196

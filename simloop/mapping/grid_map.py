@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simloop.config import SlamConfig
-from simloop.correlative import MID, TOP, raise_field, search
 from simloop.geometry.se2 import transform_points
-from simloop.grid_kernels import placed_bounds, surface_distance, trace_scan
+from simloop.mapping.correlative import MID, TOP, raise_field, search
+from simloop.mapping.grid_kernels import placed_bounds, surface_distance, trace_scan
+from simloop.mapping.scan_match import refine
 from simloop.messages import FloatArray
-from simloop.scan_match import refine
 
 BYTES_A_CELL = 4 + 24 + 4 + 1 + 1 + 1.0 / MID**2 + 1.0 / TOP**2
 NOWHERE_M = 100.0
