@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from simloop.bezier import Smoother
 from simloop.blockage import stands_in_the_way
 from simloop.common.profiler import Profiler
 from simloop.config import Config
@@ -19,7 +18,6 @@ from simloop.control.recovery import Recovery
 from simloop.control.separation import Separation
 from simloop.control.watchdog import OLD_PATH, StandingCounts, Watchdog
 from simloop.ekf import GAUGE
-from simloop.foreseen import foresee
 from simloop.geometry.se2 import about_face
 from simloop.localiser import Localiser
 from simloop.low_obstacles import LowObstacleMap, looking_ahead
@@ -39,12 +37,14 @@ from simloop.messages import (
     TrackCommand,
     WorldView,
 )
+from simloop.navigation.bezier_smoother import Smoother
+from simloop.navigation.feasibility import Reachability
+from simloop.navigation.gap_choice import WidthPlanner
+from simloop.navigation.moving_goal import Pursuit
+from simloop.navigation.planner_world import foresee
 from simloop.outside import opened
-from simloop.pursuit import Pursuit
-from simloop.reachability import Reachability
 from simloop.reversing import rear_first
 from simloop.tracker import Drive, Tracker
-from simloop.widths import WidthPlanner
 
 _BLOCKED_SLACK_M = 0.02  # the map's grain: a path is blocked only when it is clearly so
 _HOPELESS_NS = 500_000_000  # between replans for a blockage that the last plan could not avoid

@@ -21,10 +21,10 @@ from simloop.control.separation import (
     safe_part,
     stays_clear,
 )
-from simloop.foreseen import foresee, meeting_time, put_discs
 from simloop.messages import GoalReading, MoverTracks, WorldView
 from simloop.mover_tracks import MoverWatch, cluster, things_in
-from simloop.pursuit import Pursuit
+from simloop.navigation.moving_goal import Pursuit
+from simloop.navigation.planner_world import foresee, meeting_time, put_discs
 
 LIMITS = np.array([0.15, 1.0, 6.0, 0.245, 0.2325, 0.06])
 HALF = LIMITS[3:5]

@@ -10,12 +10,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simloop.bezier import C4, Smoother, corner_controls, cubic_sample, fit_corners, sample_path
 from simloop.config import SmootherConfig, VehicleConfig
-from simloop.elastic import leg_cost, make_room
 from simloop.geometry.distance_field import field_of
 from simloop.geometry.se2 import wrap_angle
 from simloop.messages import Plan, WorldView
+from simloop.navigation.bezier_smoother import (
+    C4,
+    Smoother,
+    corner_controls,
+    cubic_sample,
+    fit_corners,
+    sample_path,
+)
+from simloop.navigation.elastic_band import leg_cost, make_room
 
 VEHICLE, SAFE = VehicleConfig(), 0.26
 

@@ -132,7 +132,7 @@ def test_planning_time_is_charged_to_simulated_time():
 
 def test_a_blind_robot_is_stopped_by_the_referee_or_stops_itself(monkeypatch):
     """With a planner that always goes straight the monitor holds the robot before the obstacle."""
-    from simloop import widths
+    from simloop.navigation import gap_choice as widths
 
     class Straight:
         name = "straight"

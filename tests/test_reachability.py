@@ -9,7 +9,7 @@ from scipy import ndimage
 from simloop.common.errors import InputError
 from simloop.loop import Simulation
 from simloop.messages import Event, WorldView
-from simloop.reachability import Reachability, is_closed_off
+from simloop.navigation.feasibility import Reachability, is_closed_off
 from simloop.scenario import load
 from simloop.world import build_world
 

@@ -9,7 +9,7 @@ import pytest
 from test_bezier import view_of
 
 from simloop.config import Config, PlannerConfig
-from simloop.widths import WidthPlanner, left_of
+from simloop.navigation.gap_choice import WidthPlanner, left_of
 
 START, GOAL = np.array([-1.5, 0.0, 0.0]), np.array([1.5, 0.0])
 
@@ -65,7 +65,7 @@ def test_whoever_got_stuck_no_longer_squeezes():
 
 
 def test_a_hard_plan_gets_no_second_one(monkeypatch):
-    monkeypatch.setattr("simloop.widths._HARD", 0)
+    monkeypatch.setattr("simloop.navigation.gap_choice._HARD", 0)
     assert crossing(TWO_GAPS, prefer_m=0.08)[0] > 0.0
 
 

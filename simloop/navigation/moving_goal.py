@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from simloop.estimation.constant_velocity import ConstantVelocity
-from simloop.foreseen import meeting_time
 from simloop.messages import FloatArray, GoalReading, WorldView
+from simloop.navigation.planner_world import meeting_time
 
 _PLACE_STD_M, _SPEED_STD_MPS = 0.03, 0.3
 _ACCELERATION_MPS2 = 0.3

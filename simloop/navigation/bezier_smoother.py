@@ -16,10 +16,10 @@ import numpy as np
 from numba import njit
 
 from simloop.config import SmootherConfig, VehicleConfig
-from simloop.elastic import make_room
 from simloop.geometry.distance_field import Field, field_of, footprint_clearance
 from simloop.geometry.se2 import wrap_angle
 from simloop.messages import FloatArray, Plan, SmoothPath, WorldView
+from simloop.navigation.elastic_band import make_room
 
 _C2 = 0.4 * (math.sqrt(6.0) - 1.0)
 _C3 = (_C2 + 4.0) / (7.2364 + 6.0)

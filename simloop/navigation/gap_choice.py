@@ -13,9 +13,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from simloop.bezier import Smoother
 from simloop.config import Config
 from simloop.messages import FloatArray, Plan, WorldView
+from simloop.navigation.bezier_smoother import Smoother
 from simloop.planners.registry import make_planner
 
 _LONG_WAY_ROUND_M = 0.3  # more than this saved is worth a squeeze
