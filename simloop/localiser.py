@@ -35,7 +35,7 @@ from simloop.messages import (
     MoverTracks,
     PoseFix,
 )
-from simloop.mover_tracks import MoverWatch
+from simloop.perception.mover_tracks import MoverWatch
 from simloop.slam_grid import GridSlam
 
 _LEAST_POINTS = 30  # in a scan that can contradict: two thin posts that fit nowhere mean little

@@ -20,7 +20,6 @@ from simloop.control.watchdog import OLD_PATH, StandingCounts, Watchdog
 from simloop.ekf import GAUGE
 from simloop.geometry.se2 import about_face
 from simloop.localiser import Localiser
-from simloop.low_obstacles import LowObstacleMap, looking_ahead
 from simloop.messages import (
     DepthImage,
     EncoderReading,
@@ -43,6 +42,7 @@ from simloop.navigation.gap_choice import WidthPlanner
 from simloop.navigation.moving_goal import Pursuit
 from simloop.navigation.planner_world import foresee
 from simloop.outside import opened
+from simloop.perception.low_obstacles import LowObstacleMap, looking_ahead
 from simloop.reversing import rear_first
 from simloop.tracker import Drive, Tracker
 

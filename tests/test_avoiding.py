@@ -10,7 +10,6 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from simloop.changes import ChangeDetector
 from simloop.config import TrackerConfig, VehicleConfig
 from simloop.control.collision_monitor import CollisionMonitor
 from simloop.control.separation import (
@@ -22,9 +21,10 @@ from simloop.control.separation import (
     stays_clear,
 )
 from simloop.messages import GoalReading, MoverTracks, WorldView
-from simloop.mover_tracks import MoverWatch, cluster, things_in
 from simloop.navigation.moving_goal import Pursuit
 from simloop.navigation.planner_world import foresee, meeting_time, put_discs
+from simloop.perception.changes import ChangeDetector
+from simloop.perception.mover_tracks import MoverWatch, cluster, things_in
 
 LIMITS = np.array([0.15, 1.0, 6.0, 0.245, 0.2325, 0.06])
 HALF = LIMITS[3:5]

@@ -18,10 +18,10 @@ from simloop.control.collision_monitor import CollisionMonitor
 from simloop.control.watchdog import BLIND
 from simloop.depth_camera import DepthCamera
 from simloop.loop import Simulation
-from simloop.low_obstacles import LowObstacleMap, in_the_way, looking_ahead, seen_too
 from simloop.mapping.grid_map import GridMap
 from simloop.messages import DepthImage, Event, LowObstacles, MoverTracks, Truth
 from simloop.obstacles import Obstacle
+from simloop.perception.low_obstacles import LowObstacleMap, in_the_way, looking_ahead, seen_too
 from simloop.plant import Plant
 from simloop.scenario import load
 

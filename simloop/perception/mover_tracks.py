@@ -17,10 +17,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from simloop.changes import ChangeDetector
 from simloop.estimation.constant_velocity import ConstantVelocity
 from simloop.geometry.se2 import transform_points
 from simloop.messages import FloatArray, MoverTracks
+from simloop.perception.changes import ChangeDetector
 
 _APART_M, _APART_SHARE = 0.12, 0.03  # between neighbours on one thing, and more the farther
 _LARGEST_M = 0.75  # radius of what is still one thing
