@@ -15,7 +15,7 @@ import numpy as np
 
 from simloop.ekf import GAUGE
 from simloop.messages import EncoderReading, Estimate, FloatArray
-from simloop.plant import Plant
+from simloop.physics.plant import Plant
 from simloop.scenario import load
 from simloop.sensors import Encoders
 from simloop.tracker import Drive

@@ -11,8 +11,8 @@ import matplotlib
 import numpy as np
 
 from simloop import certify
-from simloop import track_theory as theory
 from simloop.certify.checks import Check
+from simloop.physics import track_theory as theory
 
 FIGURES = Path(__file__).resolve().parent.parent / "docs" / "figures"
 GAUGE_M, LENGTH_M, MODULUS_M = 0.39, 0.415, 0.001

@@ -16,8 +16,8 @@ from scipy.ndimage import gaussian_filter, zoom
 from simloop.common.grey_image import read_grey
 from simloop.messages import FloatArray
 from simloop.movers.settings import Mover
+from simloop.physics.track_theory import climbable_step, climbing_angle
 from simloop.terrain import HeightField, Loose, Ramp, Step, Terrain
-from simloop.track_theory import climbable_step, climbing_angle
 
 _HULL_AND_WHEELS = 3
 _BELLY_M = 0.02

@@ -14,10 +14,10 @@ import numpy as np
 from simloop.common.profiler import Profiler
 from simloop.depth_camera import DepthCamera, RayFan
 from simloop.evaluation.metrics import RunMetrics
-from simloop.faults import Faults
 from simloop.messages import DepthImage, GoalReading, LidarScan, Message, Truth
 from simloop.movers.crowd import Crowd, MovingGoal
-from simloop.plant import Plant
+from simloop.physics.faults import Faults
+from simloop.physics.plant import Plant
 from simloop.robot import Mission, Robot
 from simloop.scenario import Scenario
 from simloop.sensors import Encoders, Imu, Lidar

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from simloop import track_theory as theory
-from simloop.brush import advance_cell, cell_force, outlet_gain
+from simloop.physics import track_theory as theory
+from simloop.physics.brush import advance_cell, cell_force, outlet_gain
 
 MODULUS, CELL = 0.001, 0.03
 

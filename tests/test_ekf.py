@@ -35,7 +35,7 @@ from simloop.estimation.ekf_model import (
 from simloop.geometry.se2 import wrap_angle
 from simloop.localiser import Localiser
 from simloop.messages import EncoderReading, Frames, ImuReading, PoseFix, Truth
-from simloop.plant import Plant
+from simloop.physics.plant import Plant
 from simloop.scenario import load
 from simloop.sensors import Encoders, Imu, Lidar
 from simloop.world import build_world

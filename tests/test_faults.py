@@ -8,8 +8,8 @@ from vehicles import plant_on_plane
 
 from simloop.benchmarks import faults as bench_faults
 from simloop.common.errors import InputError
-from simloop.faults import Fault, Faults, Glass
 from simloop.messages import EncoderReading, ImuReading, LidarScan
+from simloop.physics.faults import Fault, Faults, Glass
 from simloop.scenario import load
 
 

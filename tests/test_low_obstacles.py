@@ -22,7 +22,7 @@ from simloop.mapping.grid_map import GridMap
 from simloop.messages import DepthImage, Event, LowObstacles, MoverTracks, Truth
 from simloop.obstacles import Obstacle
 from simloop.perception.low_obstacles import LowObstacleMap, in_the_way, looking_ahead, seen_too
-from simloop.plant import Plant
+from simloop.physics.plant import Plant
 from simloop.scenario import load
 
 MOUNT = np.array([0.205, 0.0, 0.158])

@@ -18,11 +18,11 @@ from simloop.common.grey_image import read_grey
 from simloop.config import Config, FrictionImage, FrictionZone
 from simloop.ground import climbable_height, climbing_angle_of, ground_height, heights_of
 from simloop.loop import Simulation
-from simloop.plant import Plant
+from simloop.physics.plant import Plant
+from simloop.physics.track_model import friction_at, friction_map
 from simloop.scenario import load
 from simloop.scene_shapes import scene_shapes
 from simloop.terrain import HeightField, Loose, Ramp, Step, Terrain
-from simloop.tracks import friction_at, friction_map
 from simloop.world import build_world
 
 FIELD = HeightField((-2.0, -1.5), (2.0, 1.5), rms_m=0.004, correlation_m=0.3, seed=3)

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad, solve_ivp
 
-from simloop import track_theory as theory
+from simloop.physics import track_theory as theory
 
 lengths = st.floats(0.05, 2.0)
 frictions = st.floats(0.1, 1.2)

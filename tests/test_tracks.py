@@ -20,11 +20,17 @@ from simloop.config import (
     TracksConfig,
     VehicleConfig,
 )
-from simloop.plant import Plant
-from simloop.plant_geoms import road_wheels
-from simloop.track_kernel import _patch_of
-from simloop.track_theory import Icr, icr_motion
-from simloop.tracks import friction_at, friction_map, motor_current, state_block, track_parameters
+from simloop.physics.plant import Plant
+from simloop.physics.track_kernel import _patch_of
+from simloop.physics.track_model import (
+    friction_at,
+    friction_map,
+    motor_current,
+    state_block,
+    track_parameters,
+)
+from simloop.physics.track_theory import Icr, icr_motion
+from simloop.physics.vehicle_geoms import road_wheels
 
 VEHICLE = VehicleConfig()
 WEIGHT_N = 98.1

@@ -9,7 +9,7 @@ import numpy as np
 
 from simloop.common.data_files import models_dir
 from simloop.config import Config
-from simloop.plant import Plant
+from simloop.physics.plant import Plant
 
 
 def plant_on_plane(config: Config | None = None, pitch_rad: float = 0.0) -> Plant:

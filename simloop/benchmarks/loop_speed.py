@@ -24,7 +24,7 @@ from simloop.evaluation.metrics import versions
 from simloop.loop import Simulation
 from simloop.messages import FloatArray, Message, TrackCommand
 from simloop.observers import recorder_for
-from simloop.plant import Plant
+from simloop.physics.plant import Plant
 from simloop.scenario import Scenario
 from simloop.sensors import Lidar
 from simloop.warmup import warm_up

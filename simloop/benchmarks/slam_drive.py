@@ -19,7 +19,7 @@ from simloop.config import Config
 from simloop.floor_plan import FloorPlan
 from simloop.geometry.se2 import wrap_angle
 from simloop.messages import EncoderReading, FloatArray, LidarScan, Truth
-from simloop.plant import Plant
+from simloop.physics.plant import Plant
 from simloop.sensors import Encoders, Imu, Lidar
 
 _SPEED_MPS, _MOST_RATE = 0.4, 0.8

@@ -9,10 +9,10 @@ from typing import Literal
 import mujoco
 import numpy as np
 
-from simloop import track_theory as theory
 from simloop.certify.checks import Check, absolute, at_most, relative, verdict
 from simloop.certify.rig import GRAVITY_MPS2, RADIUS_M, Bench, Block, Rig
 from simloop.config import FrictionZone
+from simloop.physics import track_theory as theory
 
 _SEED = 20261125
 _BEARINGS: tuple[tuple[str, Literal["rail", "pivot"], float], ...] = (

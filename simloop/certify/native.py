@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from simloop import track_theory as theory
 from simloop.certify.checks import Check, absolute, relative
 from simloop.certify.rig import RADIUS_M, Rig
+from simloop.physics import track_theory as theory
 
 
 def native() -> Iterator[Check]:

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from simloop import track_theory as theory
 from simloop.certify.checks import Check, absolute, at_most, relative
 from simloop.certify.rig import RADIUS_M, Bench, Rig
 from simloop.config import MotorConfig
+from simloop.physics import track_theory as theory
 
 MODULUS_M = 0.001
 _BELT_MPS = 0.2

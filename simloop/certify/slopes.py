@@ -7,10 +7,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from simloop import track_theory as theory
 from simloop.certify.checks import Check, absolute, at_most, relative, verdict
 from simloop.certify.rig import CONTROL_S, GRAVITY_MPS2, RADIUS_M, Bench, Rig
 from simloop.config import MotorConfig
+from simloop.physics import track_theory as theory
 
 CREEP_MPS = 1e-3
 MODULUS_M = 0.001

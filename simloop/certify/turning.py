@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from simloop import track_theory as theory
 from simloop.certify.checks import Check, absolute, relative
 from simloop.certify.rig import RADIUS_M, Bench, Rig
+from simloop.physics import track_theory as theory
 
 MODULUS_M = 0.001
 _CORNERS = (

@@ -16,8 +16,18 @@ from simloop.arena import SEEN_GROUPS, is_free
 from simloop.config import Config
 from simloop.ground import ground_height
 from simloop.messages import FloatArray, LooseTruth, TrackTruth, Truth
-from simloop.plant_geoms import geom_kinds, road_wheels
-from simloop.plant_kernels import (
+from simloop.physics.track_kernel import apply_tracks, settle_account
+from simloop.physics.track_model import (
+    BodyArrays,
+    ContactArrays,
+    Geoms,
+    TrackState,
+    as_block,
+    friction_map,
+    state_block,
+    track_parameters,
+)
+from simloop.physics.truth_kernels import (
     ACCELERATION,
     ANGLE,
     CURRENT,
@@ -30,17 +40,7 @@ from simloop.plant_kernels import (
     carry_ranges,
     motion_now,
 )
-from simloop.track_kernel import apply_tracks, settle_account
-from simloop.tracks import (
-    BodyArrays,
-    ContactArrays,
-    Geoms,
-    TrackState,
-    as_block,
-    friction_map,
-    state_block,
-    track_parameters,
-)
+from simloop.physics.vehicle_geoms import geom_kinds, road_wheels
 
 _GRAVITY_MPS2 = 9.81
 _TURNING_RADPS = 0.02

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from simloop.tracks import GROUND, HULL, OBSTACLE, WHEEL
+from simloop.physics.track_model import GROUND, HULL, OBSTACLE, WHEEL
 
 
 def geom_kinds(model: mujoco.MjModel) -> np.ndarray:

@@ -12,9 +12,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from simloop.brush import advance_cell, cell_force
 from simloop.messages import FloatArray
-from simloop.tracks import (
+from simloop.physics.brush import advance_cell, cell_force
+from simloop.physics.track_model import (
     HULL,
     OBSTACLE,
     PATCHES,
