@@ -13,8 +13,8 @@ import pytest
 
 from simloop.benchmarks.planners.scenes import scene
 from simloop.config import PlannerConfig, VehicleConfig
-from simloop.planners.population import Population, minimise
-from simloop.planners.population_planner import PopulationPlanner
+from simloop.planners.metaheuristics.population import Population, minimise
+from simloop.planners.metaheuristics.population_planner import PopulationPlanner
 from simloop.planners.splitmix import make_state
 from simloop.planners.standard_functions import StandardFunction
 

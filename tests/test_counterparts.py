@@ -13,8 +13,8 @@ import pytest
 from scipy.stats import ks_2samp
 
 from simloop import planners
-from simloop.planners import rule_tlbo
-from simloop.planners.population import Population, minimise
+from simloop.planners.metaheuristics import rule_tlbo
+from simloop.planners.metaheuristics.population import Population, minimise
 from simloop.planners.splitmix import make_state
 from simloop.planners.standard_functions import StandardFunction
 

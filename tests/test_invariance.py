@@ -15,7 +15,7 @@ from scipy.stats import mannwhitneyu
 from simloop import planners
 from simloop.benchmarks.planners.scenes import scene
 from simloop.config import PlannerConfig, VehicleConfig
-from simloop.planners.population import Rule
+from simloop.planners.metaheuristics.population import Rule
 from simloop.planners.registry import make_planner
 
 POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))

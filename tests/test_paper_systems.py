@@ -17,10 +17,10 @@ from simloop.benchmarks.planners.paper_scenes import (
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.planners.clearance import SAFE_WITHIN_M
 from simloop.planners.fuzzy import FuzzySteering
+from simloop.planners.metaheuristics.rule_avoa import AfricanVultures
+from simloop.planners.metaheuristics.rule_swarm import AdaptiveSwarm
 from simloop.planners.online import simulate
 from simloop.planners.registry import make_planner
-from simloop.planners.rule_avoa import AfricanVultures
-from simloop.planners.rule_swarm import AdaptiveSwarm
 from simloop.planners.steering import RuleSteering
 
 POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))

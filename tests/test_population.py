@@ -10,7 +10,7 @@ import pytest
 from simloop import planners
 from simloop.benchmarks.planners.scenes import scene
 from simloop.config import PlannerConfig, VehicleConfig
-from simloop.planners.population import Population, minimise
+from simloop.planners.metaheuristics.population import Population, minimise
 from simloop.planners.registry import make_planner
 from simloop.planners.splitmix import make_state
 from simloop.planners.standard_functions import NAMES, StandardFunction

@@ -12,43 +12,43 @@ _CLASSES = {
         "the lead planner: routes, then TLBO of the lines of the path",
     ),
     "tlbo_paper": (
-        "simloop.planners.rule_tlbo:TlboPaper",
+        "simloop.planners.metaheuristics.rule_tlbo:TlboPaper",
         "TLBO exactly as the 2022 papers print it, defects included",
     ),
     "tlbo_elitist": (
-        "simloop.planners.rule_tlbo:TlboElitist",
+        "simloop.planners.metaheuristics.rule_tlbo:TlboElitist",
         "elitist TLBO (Rao & Patel 2012): elites kept, duplicates mutated",
     ),
     "niwtlbo": (
-        "simloop.planners.rule_tlbo:Niwtlbo",
+        "simloop.planners.metaheuristics.rule_tlbo:Niwtlbo",
         "nonlinear inertia weighted TLBO on cross lines (Wu 2016)",
     ),
     "ga": (
-        "simloop.planners.rule_genetic:GeneticAlgorithm",
+        "simloop.planners.metaheuristics.rule_genetic:GeneticAlgorithm",
         "genetic algorithm: tournament, SBX, polynomial mutation, (mu + mu)",
     ),
     "pso": (
-        "simloop.planners.rule_swarm:ParticleSwarm",
+        "simloop.planners.metaheuristics.rule_swarm:ParticleSwarm",
         "particle swarm, global best (Clerc & Kennedy 2002)",
     ),
     "ga_pso": (
-        "simloop.planners.rule_genetic:GaPso",
+        "simloop.planners.metaheuristics.rule_genetic:GaPso",
         "hybrid GA-PSO (Juang 2004): the better half flies, the rest is bred from it",
     ),
     "abc": (
-        "simloop.planners.rule_evolution:BeeColony",
+        "simloop.planners.metaheuristics.rule_evolution:BeeColony",
         "artificial bee colony (Karaboga & Basturk 2007)",
     ),
     "de": (
-        "simloop.planners.rule_evolution:DifferentialEvolution",
+        "simloop.planners.metaheuristics.rule_evolution:DifferentialEvolution",
         "differential evolution, DE/rand/1/bin (Storn & Price 1997)",
     ),
     "avoa": (
-        "simloop.planners.rule_avoa:AfricanVultures",
+        "simloop.planners.metaheuristics.rule_avoa:AfricanVultures",
         "African vultures optimisation (Abdollahzadeh et al. 2021)",
     ),
     "apso": (
-        "simloop.planners.rule_swarm:AdaptiveSwarm",
+        "simloop.planners.metaheuristics.rule_swarm:AdaptiveSwarm",
         "adaptive particle swarm (Zhan et al. 2009)",
     ),
     "potential_field": (
@@ -60,7 +60,7 @@ _CLASSES = {
         "potential field deformed by a genetic algorithm (Mohamed 2012)",
     ),
     "wdo": (
-        "simloop.planners.rule_wdo:WindDriven",
+        "simloop.planners.metaheuristics.rule_wdo:WindDriven",
         "wind driven optimisation (Bayraktar et al. 2013)",
     ),
     "avoa_online": (
@@ -122,7 +122,7 @@ def planner_class(name: str) -> Any:
     """What makes a planner of a config and a vehicle. Raises KeyError for an unknown name."""
     found = load(name)
     if hasattr(found, "generation"):
-        from simloop.planners.population_planner import PopulationPlanner
+        from simloop.planners.metaheuristics.population_planner import PopulationPlanner
 
         return partial(PopulationPlanner, found)
     return found
@@ -132,7 +132,7 @@ def check_options(name: str, options: dict[str, Any]) -> None:
     """Refuse options that a planner does not know: a one-line ValueError with the choices."""
     found = load(name)
     if hasattr(found, "generation"):
-        from simloop.planners.population_planner import read_options
+        from simloop.planners.metaheuristics.population_planner import read_options
 
         read_options(found, options)
     elif hasattr(found, "check_options"):

@@ -24,8 +24,8 @@ import numpy as np
 from numba import njit
 
 from simloop.messages import FloatArray
-from simloop.planners.population import Population, minimise
-from simloop.planners.rule_wdo import WindDriven
+from simloop.planners.metaheuristics.population import Population, minimise
+from simloop.planners.metaheuristics.rule_wdo import WindDriven
 from simloop.planners.sensing import (
     BEAMS,
     Look,

@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from simloop.messages import FloatArray
-from simloop.planners.population import Population, Rule, minimise
+from simloop.planners.metaheuristics.population import Population, Rule, minimise
 from simloop.planners.sensing import Look, free_range, nearest_mover, nearest_point, threat
 from simloop.planners.splitmix import State
 from simloop.planners.walker import BLOCKED

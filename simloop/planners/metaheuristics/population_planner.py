@@ -12,10 +12,10 @@ from simloop.common.errors import did_you_mean
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray, Plan, WorldView
 from simloop.planners.clearance import Problem
-from simloop.planners.codings import CODINGS, PathObjective, encode, make_coding
-from simloop.planners.population import Population, Rule, minimise
+from simloop.planners.metaheuristics.codings import CODINGS, PathObjective, encode, make_coding
+from simloop.planners.metaheuristics.population import Population, Rule, minimise
+from simloop.planners.metaheuristics.seeds import seeded
 from simloop.planners.rollout import account, lack_of, problem_of
-from simloop.planners.seeds import seeded
 from simloop.planners.splitmix import make_state
 from simloop.planners.warm import way_ahead
 
@@ -28,7 +28,7 @@ _HERE_M = 1e-6
 class Setup:
     """What every rule's planner understands of ``[planner.options]``.
 
-    points: inner waypoints. coding: see `simloop.planners.codings`. seeding: ``seeded`` (routes and
+    points: inner waypoints. coding: see `simloop.planners.metaheuristics.codings`. seeding: ``seeded`` (routes and
     bends) or ``uniform`` (as the papers print). 0 or empty: the rule's own.
     """
 

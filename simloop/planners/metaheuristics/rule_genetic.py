@@ -8,8 +8,8 @@ import numpy as np
 from numba import njit
 
 from simloop.messages import FloatArray
-from simloop.planners.population import Population, Rule
-from simloop.planners.rule_swarm import fly
+from simloop.planners.metaheuristics.population import Population, Rule
+from simloop.planners.metaheuristics.rule_swarm import fly
 from simloop.planners.splitmix import State, below, uniform
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from simloop.messages import FloatArray
-from simloop.planners.population import Population, Rule
+from simloop.planners.metaheuristics.population import Population, Rule
 from simloop.planners.splitmix import State, below, uniform
 
 
