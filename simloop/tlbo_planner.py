@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray, Plan, WorldView
-from simloop.planners.bends import MAX_POINTS, copy_path, refine, settle, without_twins
-from simloop.planners.clearance import Problem
 from simloop.planners.lines import Lines, decode, encode, make_lines, nearby
-from simloop.planners.objective import (
+from simloop.planners.problem.bends import MAX_POINTS, copy_path, refine, settle, without_twins
+from simloop.planners.problem.clearance import Problem
+from simloop.planners.problem.objective import (
     LEAST_INTRUSION_M,
     evaluate,
     intrusion,

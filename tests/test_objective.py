@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from simloop.bench_planners import path_cost
 from simloop.benchmarks.planners.scenes import box_world, disc_world
 from simloop.messages import WorldView
-from simloop.planners.clearance import make_problem, segment_clearance
-from simloop.planners.objective import (
+from simloop.planners.problem.clearance import make_problem, segment_clearance
+from simloop.planners.problem.objective import (
     LEAST_INTRUSION_M,
     THROUGH_M,
     THROUGH_SHARE,

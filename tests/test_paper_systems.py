@@ -15,11 +15,11 @@ from simloop.benchmarks.planners.paper_scenes import (
     scene_clearance,
 )
 from simloop.config import PlannerConfig, VehicleConfig
-from simloop.planners.clearance import SAFE_WITHIN_M
 from simloop.planners.fuzzy import FuzzySteering
 from simloop.planners.metaheuristics.rule_avoa import AfricanVultures
 from simloop.planners.metaheuristics.rule_swarm import AdaptiveSwarm
 from simloop.planners.online import simulate
+from simloop.planners.problem.clearance import SAFE_WITHIN_M
 from simloop.planners.registry import make_planner
 from simloop.planners.steering import RuleSteering
 

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
 from simloop.benchmarks.planners.scenes import disc_world
-from simloop.planners.clearance import make_problem
-from simloop.planners.polygons import polygon_clearance
+from simloop.planners.problem.clearance import make_problem
+from simloop.planners.problem.polygons import polygon_clearance
 
 EMPTY = disc_world(np.zeros((0, 3)), (0.0, 0.0, 5.0, 5.0))
 

@@ -13,9 +13,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from simloop.benchmarks.planners.scenes import box_distance, box_world, disc_world
-from simloop.planners.bends import MAX_POINTS
-from simloop.planners.clearance import make_problem
-from simloop.planners.objective import intrusion, make_stack
+from simloop.planners.problem.bends import MAX_POINTS
+from simloop.planners.problem.clearance import make_problem
+from simloop.planners.problem.objective import intrusion, make_stack
 from simloop.planners.recombine import recombine
 from simloop.planners.routes import (
     _BLOCKED,

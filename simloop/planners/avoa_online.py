@@ -18,11 +18,11 @@ from typing import ClassVar
 import numpy as np
 
 from simloop.messages import WorldView
-from simloop.planners.clearance import Problem
 from simloop.planners.fuzzy import FuzzySteering
 from simloop.planners.metaheuristics.rule_avoa import AfricanVultures
 from simloop.planners.metaheuristics.rule_swarm import AdaptiveSwarm
 from simloop.planners.online import Senses, box_of, kept
+from simloop.planners.problem.clearance import Problem
 from simloop.planners.rollout import Walk, WalkingPlanner
 from simloop.planners.sensing import Look
 from simloop.planners.splitmix import State, make_state

@@ -35,7 +35,7 @@ from numba import njit
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.geometry.discs import discs_of
 from simloop.messages import FloatArray, WorldView
-from simloop.planners.clearance import Problem
+from simloop.planners.problem.clearance import Problem
 from simloop.planners.rollout import (
     Walk,
     WalkingPlanner,

@@ -22,9 +22,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from simloop.messages import FloatArray
-from simloop.planners.bends import MAX_POINTS, copy_path
-from simloop.planners.clearance import Problem, relaxed_clearance, segment_clearance
-from simloop.planners.objective import intrusion
+from simloop.planners.problem.bends import MAX_POINTS, copy_path
+from simloop.planners.problem.clearance import Problem, relaxed_clearance, segment_clearance
+from simloop.planners.problem.objective import intrusion
 
 _LARGEST_RADIUS_M = 3.0
 _RADIUS_MARGIN = 1.05

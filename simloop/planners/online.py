@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from simloop.messages import FloatArray, WorldView
-from simloop.planners.clearance import Problem, make_problem, point_clearance
+from simloop.planners.problem.clearance import Problem, make_problem, point_clearance
 from simloop.planners.sensing import BEAMS, Look, cast, scan
 from simloop.planners.splitmix import make_state
 from simloop.planners.walker import Steering, Walker

@@ -19,7 +19,7 @@ from numba import njit
 
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray, WorldView
-from simloop.planners.clearance import Problem
+from simloop.planners.problem.clearance import Problem
 from simloop.planners.rollout import Walk, WalkingPlanner, inside_bounds, surface
 
 ATTRACTION = 1.0

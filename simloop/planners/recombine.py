@@ -14,8 +14,8 @@ import numpy as np
 from numba import njit
 
 from simloop.messages import FloatArray
-from simloop.planners.bends import MAX_POINTS, is_clear
-from simloop.planners.clearance import Problem
+from simloop.planners.problem.bends import MAX_POINTS, is_clear
+from simloop.planners.problem.clearance import Problem
 from simloop.planners.routes import IntArray
 
 _MOST_NODES = 120

@@ -13,9 +13,9 @@ import numpy as np
 
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray, WorldView
-from simloop.planners.clearance import Problem
 from simloop.planners.metaheuristics.codings import PathObjective, make_coding
 from simloop.planners.metaheuristics.seeds import seeded
+from simloop.planners.problem.clearance import Problem
 from simloop.planners.reference import Reference, library
 from simloop.planners.splitmix import make_state
 

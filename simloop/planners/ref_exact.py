@@ -7,8 +7,8 @@ from typing import ClassVar
 import numpy as np
 
 from simloop.messages import FloatArray, WorldView
-from simloop.planners.clearance import Problem
 from simloop.planners.exact import exact_path
+from simloop.planners.problem.clearance import Problem
 from simloop.planners.reference import Reference
 
 _ARC_STEP_RAD = 0.01

@@ -15,9 +15,9 @@ import numpy as np
 from numba import njit
 
 from simloop.messages import FloatArray, WorldView
-from simloop.planners.bends import is_clear
-from simloop.planners.clearance import Problem
-from simloop.planners.objective import make_stack
+from simloop.planners.problem.bends import is_clear
+from simloop.planners.problem.clearance import Problem
+from simloop.planners.problem.objective import make_stack
 from simloop.planners.reference import Reference
 
 NODES = 40_000

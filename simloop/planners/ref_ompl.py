@@ -13,9 +13,9 @@ import numpy as np
 
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray, WorldView
-from simloop.planners.bends import is_clear
-from simloop.planners.clearance import Problem
-from simloop.planners.objective import make_stack
+from simloop.planners.problem.bends import is_clear
+from simloop.planners.problem.clearance import Problem
+from simloop.planners.problem.objective import make_stack
 from simloop.planners.reference import Reference, library
 
 

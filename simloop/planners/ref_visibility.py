@@ -17,9 +17,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from simloop.messages import FloatArray, WorldView
-from simloop.planners.bends import is_clear
-from simloop.planners.clearance import Problem
-from simloop.planners.objective import make_stack
+from simloop.planners.problem.bends import is_clear
+from simloop.planners.problem.clearance import Problem
+from simloop.planners.problem.objective import make_stack
 from simloop.planners.reference import Reference
 
 CORNERS = 96

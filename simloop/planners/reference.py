@@ -15,7 +15,7 @@ import numpy as np
 
 from simloop.common.errors import InputError
 from simloop.messages import FloatArray, WorldView
-from simloop.planners.clearance import Problem
+from simloop.planners.problem.clearance import Problem
 from simloop.planners.rollout import Walk, WalkingPlanner
 
 WORLDS = ("discs", "polygons", "field")

@@ -15,12 +15,12 @@ from numba import njit
 
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray, Plan, WorldView
-from simloop.planners.clearance import (
+from simloop.planners.problem.clearance import (
     Problem,
     make_problem,
     relaxed_clearance,
 )
-from simloop.planners.objective import intrusion, length_and_turning, make_stack
+from simloop.planners.problem.objective import intrusion, length_and_turning, make_stack
 
 THIN_SHARES = (0.02, 0.005, 0.0)
 """How far a thinned path may lie from what was gone, in safe distances: the first that costs no

@@ -15,9 +15,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from simloop.messages import FloatArray
-from simloop.planners.bends import MAX_POINTS, pull_taut, settle
-from simloop.planners.clearance import Problem, relaxed_clearance
-from simloop.planners.objective import evaluate
+from simloop.planners.problem.bends import MAX_POINTS, pull_taut, settle
+from simloop.planners.problem.clearance import Problem, relaxed_clearance
+from simloop.planners.problem.objective import evaluate
 
 _STRAIGHT, _DIAGONAL = 10, 14  # integer lengths let the wave run on buckets, without a heap
 _NEARLY, _BLOCKED, _SOLID = 4, 100, 1500

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from simloop.messages import FloatArray
-from simloop.planners.clearance import Problem, point_clearance
+from simloop.planners.problem.clearance import Problem, point_clearance
 from simloop.planners.rollout import surface
 
 BEAMS = 360

@@ -17,10 +17,10 @@ import numpy as np
 from numba import njit
 
 from simloop.messages import FloatArray
-from simloop.planners.bends import MAX_POINTS
-from simloop.planners.clearance import Problem
 from simloop.planners.lines import Lines, decode
-from simloop.planners.objective import intrusion, start_turn
+from simloop.planners.problem.bends import MAX_POINTS
+from simloop.planners.problem.clearance import Problem
+from simloop.planners.problem.objective import intrusion, start_turn
 from simloop.planners.splitmix import State, below, normal, uniform
 
 

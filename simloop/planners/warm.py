@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from simloop.messages import FloatArray, Plan
-from simloop.planners.clearance import Problem
+from simloop.planners.problem.clearance import Problem
 
 _SAME_GOAL_M = 0.05
 

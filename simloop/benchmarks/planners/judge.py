@@ -10,8 +10,8 @@ from simloop.bench_planners import path_cost
 from simloop.benchmarks.planners.scenes import Instance, box_distance
 from simloop.config import PlannerConfig
 from simloop.messages import FloatArray
-from simloop.planners.clearance import SAFE_WITHIN_M
-from simloop.planners.objective import LEAST_INTRUSION_M
+from simloop.planners.problem.clearance import SAFE_WITHIN_M
+from simloop.planners.problem.objective import LEAST_INTRUSION_M
 
 AT_GOAL_M = 1e-6
 _SAMPLE_M = 1e-3

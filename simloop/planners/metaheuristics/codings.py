@@ -14,8 +14,8 @@ import numpy as np
 from numba import njit
 
 from simloop.messages import FloatArray
-from simloop.planners.clearance import Problem, point_clearance
-from simloop.planners.objective import evaluate, length_and_turning, make_stack
+from simloop.planners.problem.clearance import Problem, point_clearance
+from simloop.planners.problem.objective import evaluate, length_and_turning, make_stack
 
 CODINGS = ("box", "crosslines")
 _MOST_ACROSS = 1.0

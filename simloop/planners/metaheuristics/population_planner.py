@@ -11,10 +11,10 @@ import numpy as np
 from simloop.common.errors import did_you_mean
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray, Plan, WorldView
-from simloop.planners.clearance import Problem
 from simloop.planners.metaheuristics.codings import CODINGS, PathObjective, encode, make_coding
 from simloop.planners.metaheuristics.population import Population, Rule, minimise
 from simloop.planners.metaheuristics.seeds import seeded
+from simloop.planners.problem.clearance import Problem
 from simloop.planners.rollout import account, lack_of, problem_of
 from simloop.planners.splitmix import make_state
 from simloop.planners.warm import way_ahead

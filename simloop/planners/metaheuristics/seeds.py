@@ -7,10 +7,10 @@ import math
 import numpy as np
 
 from simloop.messages import FloatArray
-from simloop.planners.bends import MAX_POINTS
-from simloop.planners.clearance import Problem
 from simloop.planners.metaheuristics.codings import Coding, encode
-from simloop.planners.objective import make_stack
+from simloop.planners.problem.bends import MAX_POINTS
+from simloop.planners.problem.clearance import Problem
+from simloop.planners.problem.objective import make_stack
 from simloop.planners.recombine import recombine
 from simloop.planners.routes import find_routes
 from simloop.planners.splitmix import State, normal

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from simloop.messages import FloatArray
-from simloop.planners.cells import FREE_M
+from simloop.planners.problem.cells import FREE_M
 
 _TOUCH_M = 1e-9
 

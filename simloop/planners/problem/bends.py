@@ -8,8 +8,8 @@ import numpy as np
 from numba import njit
 
 from simloop.messages import FloatArray
-from simloop.planners.clearance import Problem, segment_clearance
-from simloop.planners.objective import evaluate
+from simloop.planners.problem.clearance import Problem, segment_clearance
+from simloop.planners.problem.objective import evaluate
 
 MAX_POINTS = 40
 """Most waypoints of any polyline here, both ends included."""

@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 
 from simloop.messages import FloatArray
-from simloop.planners.clearance import NO_LENGTH_M, STACK, Problem, segment_clearance
+from simloop.planners.problem.clearance import NO_LENGTH_M, STACK, Problem, segment_clearance
 
 LEAST_INTRUSION_M = 0.01
 """What the slightest lack of clearance counts on top of its depth, m: safe beats nearly safe."""

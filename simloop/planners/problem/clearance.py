@@ -13,8 +13,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from simloop.messages import FloatArray, WorldView
-from simloop.planners.cells import FREE_M, cell_at, lens_bound
-from simloop.planners.polygons import flatten_polygons, polygon_clearance
+from simloop.planners.problem.cells import FREE_M, cell_at, lens_bound
+from simloop.planners.problem.polygons import flatten_polygons, polygon_clearance
 
 TOLERANCE_M = 1e-6
 """What rounding may take from a clearance that counts as safe, m."""
