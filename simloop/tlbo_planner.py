@@ -30,8 +30,8 @@ from simloop.planners.problem.objective import (
     length_and_turning,
     make_stack,
 )
+from simloop.planners.reactive.rollout import problem_of
 from simloop.planners.recombine import recombine
-from simloop.planners.rollout import problem_of
 from simloop.planners.routes import find_routes, sort_routes
 from simloop.planners.splitmix import State, make_state
 from simloop.planners.tlbo import Class, make_class, tlbo

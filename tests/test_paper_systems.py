@@ -15,13 +15,13 @@ from simloop.benchmarks.planners.paper_scenes import (
     scene_clearance,
 )
 from simloop.config import PlannerConfig, VehicleConfig
-from simloop.planners.fuzzy import FuzzySteering
 from simloop.planners.metaheuristics.rule_avoa import AfricanVultures
 from simloop.planners.metaheuristics.rule_swarm import AdaptiveSwarm
-from simloop.planners.online import simulate
 from simloop.planners.problem.clearance import SAFE_WITHIN_M
+from simloop.planners.reactive.fuzzy import FuzzySteering
+from simloop.planners.reactive.online import simulate
+from simloop.planners.reactive.steering import RuleSteering
 from simloop.planners.registry import make_planner
-from simloop.planners.steering import RuleSteering
 
 POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))
 SHORTEST = {"length_weight": 1.0, "turning_weight": 0.0}

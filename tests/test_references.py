@@ -14,9 +14,9 @@ from simloop.benchmarks.planners.scenes import box_world, disc_world, scene, tru
 from simloop.common.errors import InputError
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.planners.exact import exact_path
+from simloop.planners.reactive.rollout import problem_of
 from simloop.planners.ref_grid import spacing
 from simloop.planners.registry import make_planner
-from simloop.planners.rollout import problem_of
 
 POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))
 SAFE_M = 0.26

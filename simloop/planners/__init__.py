@@ -52,11 +52,11 @@ _CLASSES = {
         "adaptive particle swarm (Zhan et al. 2009)",
     ),
     "potential_field": (
-        "simloop.planners.potential_field:PotentialField",
+        "simloop.planners.reactive.potential_field:PotentialField",
         "the plain artificial potential field, local minima included",
     ),
     "ga_apf": (
-        "simloop.planners.ga_apf:GaApf",
+        "simloop.planners.reactive.ga_apf:GaApf",
         "potential field deformed by a genetic algorithm (Mohamed 2012)",
     ),
     "wdo": (
@@ -64,15 +64,15 @@ _CLASSES = {
         "wind driven optimisation (Bayraktar et al. 2013)",
     ),
     "avoa_online": (
-        "simloop.planners.avoa_online:AvoaOnline",
+        "simloop.planners.reactive.avoa_online:AvoaOnline",
         "step by step from what is sensed, each heading by AVOA (Abed 2022)",
     ),
     "apso_online": (
-        "simloop.planners.avoa_online:ApsoOnline",
+        "simloop.planners.reactive.avoa_online:ApsoOnline",
         "the same, each heading by the adaptive swarm",
     ),
     "fuzzy_wdo": (
-        "simloop.planners.avoa_online:FuzzyWdo",
+        "simloop.planners.reactive.avoa_online:FuzzyWdo",
         "the same by a fuzzy controller, tuned by wind driven optimisation",
     ),
     "exact": (

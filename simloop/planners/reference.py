@@ -16,7 +16,7 @@ import numpy as np
 from simloop.common.errors import InputError
 from simloop.messages import FloatArray, WorldView
 from simloop.planners.problem.clearance import Problem
-from simloop.planners.rollout import Walk, WalkingPlanner
+from simloop.planners.reactive.rollout import Walk, WalkingPlanner
 
 WORLDS = ("discs", "polygons", "field")
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from simloop.benchmarks.planners.scenes import Instance, disc_world, scene, true_clearance
 from simloop.messages import FloatArray, WorldView
-from simloop.planners.online import Mover, OnlineWorld, Track
+from simloop.planners.reactive.online import Mover, OnlineWorld, Track
 
 PAPER_SCENES = (
     "sabiha4",
@@ -130,7 +130,7 @@ def paper_scene(name: str, seed: int = 0) -> Instance:
 
 
 def online_scene(name: str) -> OnlineWorld:
-    """A scene of `ONLINE_SCENES` for `simloop.planners.online.simulate`."""
+    """A scene of `ONLINE_SCENES` for `simloop.planners.reactive.online.simulate`."""
     if name == "moving_obstacles":
         fixed = disc_world(np.array([[12.0, 8.0, 2.0], [30.0, 34.0, 2.5]]), _ABED_BOUNDS)
         one = _instance(name, fixed, (0.0, 0.0), (45.0, 45.0), _ABED_SAFE_M)

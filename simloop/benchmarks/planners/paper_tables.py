@@ -17,7 +17,7 @@ from simloop.benchmarks.planners.paper_scenes import online_scene, paper_scene
 from simloop.benchmarks.planners.trials import plan_once, plan_timed, prepare
 from simloop.config import PlannerConfig
 from simloop.messages import Plan
-from simloop.planners.online import simulate
+from simloop.planners.reactive.online import simulate
 
 Row = Sequence[str | float]
 

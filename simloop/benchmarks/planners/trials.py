@@ -14,8 +14,8 @@ from simloop.benchmarks.planners.judge import Verdict, judge
 from simloop.benchmarks.planners.scenes import Instance
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray, Plan
-from simloop.planners.online import OnlineWorld, simulate
 from simloop.planners.protocol import Planner
+from simloop.planners.reactive.online import OnlineWorld, simulate
 from simloop.planners.reference import Reference, kind_of
 from simloop.planners.registry import make_planner
 

@@ -15,7 +15,7 @@ from simloop.planners.metaheuristics.codings import CODINGS, PathObjective, enco
 from simloop.planners.metaheuristics.population import Population, Rule, minimise
 from simloop.planners.metaheuristics.seeds import seeded
 from simloop.planners.problem.clearance import Problem
-from simloop.planners.rollout import account, lack_of, problem_of
+from simloop.planners.reactive.rollout import account, lack_of, problem_of
 from simloop.planners.splitmix import make_state
 from simloop.planners.warm import way_ahead
 

@@ -36,7 +36,7 @@ from simloop.config import PlannerConfig, VehicleConfig
 from simloop.geometry.discs import discs_of
 from simloop.messages import FloatArray, WorldView
 from simloop.planners.problem.clearance import Problem
-from simloop.planners.rollout import (
+from simloop.planners.reactive.rollout import (
     Walk,
     WalkingPlanner,
     inside_bounds,

@@ -20,7 +20,7 @@ from numba import njit
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray, WorldView
 from simloop.planners.problem.clearance import Problem
-from simloop.planners.rollout import Walk, WalkingPlanner, inside_bounds, surface
+from simloop.planners.reactive.rollout import Walk, WalkingPlanner, inside_bounds, surface
 
 ATTRACTION = 1.0
 REPULSION = 4.0

@@ -2,7 +2,7 @@
 
 Each step has the paper's two phases. Sensing: nothing within reach, and the robot goes straight to
 its target; else a steering (AVOA, APSO, fuzzy-WDO) chooses the heading, see
-`simloop.planners.steering`.
+`simloop.planners.reactive.steering`.
 
 Filled in, for the paper claims to leave local minima but does not say how, and a cost of one step
 alone cannot: where a step no longer brings the robot nearer to the goal, it keeps what blocks it
@@ -21,7 +21,7 @@ from typing import Protocol
 import numpy as np
 
 from simloop.messages import FloatArray
-from simloop.planners.sensing import Look, easier_side, free_range, threat, wall_heading
+from simloop.planners.reactive.sensing import Look, easier_side, free_range, threat, wall_heading
 from simloop.planners.splitmix import State
 
 BLOCKED = 10.0

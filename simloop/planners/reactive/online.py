@@ -17,9 +17,9 @@ import numpy as np
 
 from simloop.messages import FloatArray, WorldView
 from simloop.planners.problem.clearance import Problem, make_problem, point_clearance
-from simloop.planners.sensing import BEAMS, Look, cast, scan
+from simloop.planners.reactive.sensing import BEAMS, Look, cast, scan
+from simloop.planners.reactive.walker import Steering, Walker
 from simloop.planners.splitmix import make_state
-from simloop.planners.walker import Steering, Walker
 
 _MARGIN_SHARE, _MARGIN_CELLS = 1.03, 0.2
 

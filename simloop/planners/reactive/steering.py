@@ -16,9 +16,9 @@ from numba import njit
 
 from simloop.messages import FloatArray
 from simloop.planners.metaheuristics.population import Population, Rule, minimise
-from simloop.planners.sensing import Look, free_range, nearest_mover, nearest_point, threat
+from simloop.planners.reactive.sensing import Look, free_range, nearest_mover, nearest_point, threat
+from simloop.planners.reactive.walker import BLOCKED
 from simloop.planners.splitmix import State
-from simloop.planners.walker import BLOCKED
 
 NEAR_GOAL, CLEAR, STRAIGHT = 1.0, 0.3, 0.1
 AGENTS, ITERATIONS = 10, 10

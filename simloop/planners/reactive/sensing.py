@@ -15,7 +15,7 @@ from numba import njit
 
 from simloop.messages import FloatArray
 from simloop.planners.problem.clearance import Problem, point_clearance
-from simloop.planners.rollout import surface
+from simloop.planners.reactive.rollout import surface
 
 BEAMS = 360
 _TOUCH_CELLS = 0.6  # nearer than this a field is not what its obstacles' surfaces are

@@ -26,7 +26,7 @@ from numba import njit
 from simloop.messages import FloatArray
 from simloop.planners.metaheuristics.population import Population, minimise
 from simloop.planners.metaheuristics.rule_wdo import WindDriven
-from simloop.planners.sensing import (
+from simloop.planners.reactive.sensing import (
     BEAMS,
     Look,
     free_range,
@@ -34,9 +34,9 @@ from simloop.planners.sensing import (
     nearest_point,
     threat,
 )
+from simloop.planners.reactive.steering import AGENTS, CLEAR, ITERATIONS, NEAR_GOAL, STRAIGHT
+from simloop.planners.reactive.walker import BLOCKED
 from simloop.planners.splitmix import State
-from simloop.planners.steering import AGENTS, CLEAR, ITERATIONS, NEAR_GOAL, STRAIGHT
-from simloop.planners.walker import BLOCKED
 
 ROLL_STEPS = 6
 RETUNE_STEPS = 2
@@ -183,7 +183,7 @@ class _Controllers:
 
 
 class FuzzySteering:
-    """Keeps `simloop.planners.walker.Steering`."""
+    """Keeps `simloop.planners.reactive.walker.Steering`."""
 
     def __init__(self) -> None:
         self.evaluations = 0

@@ -3,7 +3,7 @@
 Source: Abed, Lutfy & Al-Doori 2022 (AVOA, with the sensing phase), whose rivals are APSO and
 fuzzy-WDO. The robot's map takes the place of the unknown world: a point walks through it from the
 robot to the goal, senses it within reach only, and its trace is the plan. Movers are not
-in the map; see `simloop.planners.online` for those.
+in the map; see `simloop.planners.reactive.online` for those.
 
 Filled in: a step is a tenth of a metre at the robot's size (.4 safe distances) and it senses
 over twelve safe distances (3.1 m); ten times the straight way is allowed.
@@ -18,16 +18,16 @@ from typing import ClassVar
 import numpy as np
 
 from simloop.messages import WorldView
-from simloop.planners.fuzzy import FuzzySteering
 from simloop.planners.metaheuristics.rule_avoa import AfricanVultures
 from simloop.planners.metaheuristics.rule_swarm import AdaptiveSwarm
-from simloop.planners.online import Senses, box_of, kept
 from simloop.planners.problem.clearance import Problem
-from simloop.planners.rollout import Walk, WalkingPlanner
-from simloop.planners.sensing import Look
+from simloop.planners.reactive.fuzzy import FuzzySteering
+from simloop.planners.reactive.online import Senses, box_of, kept
+from simloop.planners.reactive.rollout import Walk, WalkingPlanner
+from simloop.planners.reactive.sensing import Look
+from simloop.planners.reactive.steering import RuleSteering
+from simloop.planners.reactive.walker import Steering, Walker
 from simloop.planners.splitmix import State, make_state
-from simloop.planners.steering import RuleSteering
-from simloop.planners.walker import Steering, Walker
 
 STEP_SAFE, REACH_SAFE = 0.4, 12.0
 _ALLOWED = 10.0
