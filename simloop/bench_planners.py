@@ -23,8 +23,8 @@ from simloop.common.terminal import print_table
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.evaluation.metrics import versions
 from simloop.messages import FloatArray
-from simloop.planners.exact import exact_path
 from simloop.planners.problem.clearance import SAFE_WITHIN_M
+from simloop.planners.reference.exact import exact_path
 from simloop.planners.registry import make_planner
 
 PLANS = 1000

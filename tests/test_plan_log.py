@@ -12,7 +12,7 @@ from simloop.benchmarks.planners.scenes import scene
 from simloop.cli.main import run_scenario
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.evaluation.plan_gap import PlanLog, least_cost
-from simloop.planners.exact import exact_path
+from simloop.planners.reference.exact import exact_path
 from simloop.planners.registry import make_planner
 
 POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))

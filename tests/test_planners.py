@@ -11,7 +11,7 @@ from simloop import bench_planners
 from simloop.benchmarks.planners.scenes import box_world, disc_world, scene, true_clearance
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import WorldView
-from simloop.planners.exact import exact_path
+from simloop.planners.reference.exact import exact_path
 from simloop.planners.registry import make_planner, planner_names
 
 POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))

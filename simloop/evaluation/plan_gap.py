@@ -12,7 +12,7 @@ import numpy as np
 
 from simloop.config import PlannerConfig
 from simloop.messages import FloatArray, Message, Plan, WorldView
-from simloop.planners.exact import exact_path
+from simloop.planners.reference.exact import exact_path
 
 _HERE_M = 0.01
 _TOUCH_M = 1e-6

@@ -76,31 +76,31 @@ _CLASSES = {
         "the same by a fuzzy controller, tuned by wind driven optimisation",
     ),
     "exact": (
-        "simloop.planners.ref_exact:Exact",
+        "simloop.planners.reference.ref_exact:Exact",
         "the exact optimum among discs (tangent graph), the yardstick",
     ),
     "visibility": (
-        "simloop.planners.ref_visibility:VisibilityGraph",
+        "simloop.planners.reference.ref_visibility:VisibilityGraph",
         "visibility graph among polygons and discs",
     ),
     "astar": (
-        "simloop.planners.ref_grid:GridAStar",
+        "simloop.planners.reference.ref_grid:GridAStar",
         "A* on an eight-neighbour lattice: shortest along its edges",
     ),
     "theta_star": (
-        "simloop.planners.ref_grid:ThetaStar",
+        "simloop.planners.reference.ref_grid:ThetaStar",
         "Theta* on the same lattice: any angle (Nash et al. 2007)",
     ),
     "cma": (
-        "simloop.planners.ref_cma:CmaEs",
+        "simloop.planners.reference.ref_cma:CmaEs",
         "CMA-ES with restarts (Hansen 2016); needs the extra 'references'",
     ),
     "informed_rrt_star": (
-        "simloop.planners.ref_ompl:InformedRrtStar",
+        "simloop.planners.reference.ref_ompl:InformedRrtStar",
         "OMPL's Informed RRT* (Gammell 2014); needs the extra 'references'",
     ),
     "bit_star": (
-        "simloop.planners.ref_ompl:BitStar",
+        "simloop.planners.reference.ref_ompl:BitStar",
         "OMPL's BIT* (Gammell 2015); needs the extra 'references'",
     ),
 }

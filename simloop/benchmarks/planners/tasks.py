@@ -18,7 +18,7 @@ from simloop.benchmarks.planners.scenes import SCENE_NAMES, Instance, scene
 from simloop.benchmarks.planners.trials import Trial, moving_instance, plan_once, prepare
 from simloop.common.errors import InputError, did_you_mean
 from simloop.config import PlannerConfig
-from simloop.planners.reference import kind_of
+from simloop.planners.reference.reference import kind_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,7 +16,7 @@ from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray, Plan
 from simloop.planners.protocol import Planner
 from simloop.planners.reactive.online import OnlineWorld, simulate
-from simloop.planners.reference import Reference, kind_of
+from simloop.planners.reference.reference import Reference, kind_of
 from simloop.planners.registry import make_planner
 
 POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))

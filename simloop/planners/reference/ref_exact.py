@@ -1,4 +1,4 @@
-"""The exact optimum among discs as a planner: see `simloop.planners.exact`."""
+"""The exact optimum among discs as a planner: see `simloop.planners.reference.exact`."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import ClassVar
 import numpy as np
 
 from simloop.messages import FloatArray, WorldView
-from simloop.planners.exact import exact_path
 from simloop.planners.problem.clearance import Problem
-from simloop.planners.reference import Reference
+from simloop.planners.reference.exact import exact_path
+from simloop.planners.reference.reference import Reference
 
 _ARC_STEP_RAD = 0.01
 

@@ -18,7 +18,7 @@ from simloop.messages import FloatArray, WorldView
 from simloop.planners.problem.bends import is_clear
 from simloop.planners.problem.clearance import Problem
 from simloop.planners.problem.objective import make_stack
-from simloop.planners.reference import Reference
+from simloop.planners.reference.reference import Reference
 
 NODES = 40_000
 """About how many nodes the lattice has: its spacing follows from the space."""

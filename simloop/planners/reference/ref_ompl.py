@@ -16,7 +16,7 @@ from simloop.messages import FloatArray, WorldView
 from simloop.planners.problem.bends import is_clear
 from simloop.planners.problem.clearance import Problem
 from simloop.planners.problem.objective import make_stack
-from simloop.planners.reference import Reference, library
+from simloop.planners.reference.reference import Reference, library
 
 
 class InformedRrtStar(Reference):

@@ -16,7 +16,7 @@ from simloop.messages import FloatArray, WorldView
 from simloop.planners.metaheuristics.codings import PathObjective, make_coding
 from simloop.planners.metaheuristics.seeds import seeded
 from simloop.planners.problem.clearance import Problem
-from simloop.planners.reference import Reference, library
+from simloop.planners.reference.reference import Reference, library
 from simloop.planners.splitmix import make_state
 
 POINTS = 8
