@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray, Plan, WorldView
-from simloop.planners.lines import Lines, decode, encode, make_lines, nearby
 from simloop.planners.problem.bends import MAX_POINTS, copy_path, refine, settle, without_twins
 from simloop.planners.problem.clearance import Problem
 from simloop.planners.problem.objective import (
@@ -31,11 +30,12 @@ from simloop.planners.problem.objective import (
     make_stack,
 )
 from simloop.planners.reactive.rollout import problem_of
-from simloop.planners.recombine import recombine
-from simloop.planners.routes import find_routes, sort_routes
 from simloop.planners.splitmix import State, make_state
-from simloop.planners.tlbo import Class, make_class, tlbo
-from simloop.planners.warm import way_ahead
+from simloop.planners.tlbo.lines import Lines, decode, encode, make_lines, nearby
+from simloop.planners.tlbo.recombine import recombine
+from simloop.planners.tlbo.routes import find_routes, sort_routes
+from simloop.planners.tlbo.tlbo import Class, make_class, tlbo
+from simloop.planners.tlbo.warm import way_ahead
 
 _SWEEPS = 4
 _SHOWN = 12

@@ -11,9 +11,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from simloop.benchmarks.planners.scenes import disc_world
-from simloop.planners.lines import CORRIDOR_M, decode, encode, make_lines, nearby
 from simloop.planners.problem.clearance import make_problem
 from simloop.planners.problem.objective import intrusion, length_and_turning, make_stack
+from simloop.planners.tlbo.lines import CORRIDOR_M, decode, encode, make_lines, nearby
 
 SAFE = 0.26
 BOX = (-10.0, -10.0, 20.0, 10.0)

@@ -16,8 +16,8 @@ from simloop.benchmarks.planners.scenes import box_distance, box_world, disc_wor
 from simloop.planners.problem.bends import MAX_POINTS
 from simloop.planners.problem.clearance import make_problem
 from simloop.planners.problem.objective import intrusion, make_stack
-from simloop.planners.recombine import recombine
-from simloop.planners.routes import (
+from simloop.planners.tlbo.recombine import recombine
+from simloop.planners.tlbo.routes import (
     _BLOCKED,
     _DIAGONAL,
     _FAR,

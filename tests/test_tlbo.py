@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from simloop.benchmarks.planners.scenes import disc_world
-from simloop.planners.lines import Lines, decode, encode, make_lines
 from simloop.planners.problem.clearance import Problem, make_problem
 from simloop.planners.problem.objective import evaluate, make_stack
 from simloop.planners.splitmix import below, make_state, normal, uniform
-from simloop.planners.tlbo import (
+from simloop.planners.tlbo.lines import Lines, decode, encode, make_lines
+from simloop.planners.tlbo.tlbo import (
     Class,
     draw_class,
     learner_phase,

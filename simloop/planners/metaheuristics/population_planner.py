@@ -17,7 +17,7 @@ from simloop.planners.metaheuristics.seeds import seeded
 from simloop.planners.problem.clearance import Problem
 from simloop.planners.reactive.rollout import account, lack_of, problem_of
 from simloop.planners.splitmix import make_state
-from simloop.planners.warm import way_ahead
+from simloop.planners.tlbo.warm import way_ahead
 
 _SEEDINGS = ("seeded", "uniform")
 _SHOWN = 12

@@ -11,9 +11,9 @@ from simloop.planners.metaheuristics.codings import Coding, encode
 from simloop.planners.problem.bends import MAX_POINTS
 from simloop.planners.problem.clearance import Problem
 from simloop.planners.problem.objective import make_stack
-from simloop.planners.recombine import recombine
-from simloop.planners.routes import find_routes
 from simloop.planners.splitmix import State, normal
+from simloop.planners.tlbo.recombine import recombine
+from simloop.planners.tlbo.routes import find_routes
 
 _NODES, _ROUTES, _SWEEPS, _WAVES = 4000, 12, 4, 3
 _SWING = 0.05

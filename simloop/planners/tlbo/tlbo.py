@@ -1,7 +1,7 @@
 """Teaching-learning-based optimisation of a class of polylines, compiled.
 
 Source: Sabiha 2022 (online TLBO), Eqs. 19-26; Rao 2011. Where this departs from print:
-- The subjects are the lines of a path's segments, not its waypoints: see `simloop.planners.lines`.
+- The subjects are the lines of a path's segments, not its waypoints: see `simloop.planners.tlbo.lines`.
 - Positions are measured from the path that was coded, so that Eq. 21 no longer depends on where
   the map's origin happens to be (with T_f = 2 it does as printed).
 - One random factor a learner, not a subject: a step then keeps a path's shape.
@@ -17,11 +17,11 @@ import numpy as np
 from numba import njit
 
 from simloop.messages import FloatArray
-from simloop.planners.lines import Lines, decode
 from simloop.planners.problem.bends import MAX_POINTS
 from simloop.planners.problem.clearance import Problem
 from simloop.planners.problem.objective import intrusion, start_turn
 from simloop.planners.splitmix import State, below, normal, uniform
+from simloop.planners.tlbo.lines import Lines, decode
 
 
 class Class(NamedTuple):

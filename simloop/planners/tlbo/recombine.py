@@ -16,7 +16,7 @@ from numba import njit
 from simloop.messages import FloatArray
 from simloop.planners.problem.bends import MAX_POINTS, is_clear
 from simloop.planners.problem.clearance import Problem
-from simloop.planners.routes import IntArray
+from simloop.planners.tlbo.routes import IntArray
 
 _MOST_NODES = 120
 _ALIKE_M = 0.04
