@@ -17,9 +17,9 @@ from simloop.arena import bounds_of, build
 from simloop.estimation.dead_reckoning import compose_all
 from simloop.geometry.se2 import compose
 from simloop.messages import DepthImage, LowObstacles, MapUpdate, Plan, Truth, WorldView
-from simloop.record_columns import ellipses, nees, occupancy_percent
-from simloop.recorder import TIMELINE, NullRecorder, RerunRecorder
-from simloop.scene_shapes import scene_bodies, scene_shapes
+from simloop.recording.columns import ellipses, nees, occupancy_percent
+from simloop.recording.recorder import TIMELINE, NullRecorder, RerunRecorder
+from simloop.recording.scene_shapes import scene_bodies, scene_shapes
 
 MODEL = build("experiment")
 SECONDS = 5.0
@@ -285,7 +285,7 @@ def test_a_cameras_images_and_what_is_remembered_of_them_are_there(tmp_path: Pat
 
 
 def test_the_library_is_not_loaded_before_it_is_asked_for() -> None:
-    code = "import simloop.recorder, sys; print('rerun' in sys.modules)"
+    code = "import simloop.recording.recorder, sys; print('rerun' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.stdout == "False\n"
 

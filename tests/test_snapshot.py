@@ -15,9 +15,18 @@ from synthetic_run import GOAL, OFF, SyntheticRun
 from simloop.arena import build
 from simloop.config import VehicleConfig
 from simloop.messages import LidarScan, MapUpdate, Plan, SmoothPath, WorldView
-from simloop.planner_view import DISC, INK, PAPER, PATH, SCAN, UNKNOWN, Belief, PlannerView
-from simloop.planner_view import GOAL as GOAL_INK
-from simloop.snapshot import Snapshots, _NoOpenGL, _open_gl
+from simloop.recording.belief_picture import (
+    DISC,
+    INK,
+    PAPER,
+    PATH,
+    SCAN,
+    UNKNOWN,
+    Belief,
+    PlannerView,
+)
+from simloop.recording.belief_picture import GOAL as GOAL_INK
+from simloop.recording.snapshots import Snapshots, _NoOpenGL, _open_gl
 
 BOUNDS = (0.0, 0.0, 4.7, 4.7)  # with the view's margin: 5 m, 100 px a metre
 

@@ -20,8 +20,8 @@ from simloop.ground import climbable_height, climbing_angle_of, ground_height, h
 from simloop.loop import Simulation
 from simloop.physics.plant import Plant
 from simloop.physics.track_model import friction_at, friction_map
+from simloop.recording.scene_shapes import scene_shapes
 from simloop.scenario import load
-from simloop.scene_shapes import scene_shapes
 from simloop.terrain import HeightField, Loose, Ramp, Step, Terrain
 from simloop.world import build_world
 

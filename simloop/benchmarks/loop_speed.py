@@ -23,8 +23,8 @@ from simloop.common.terminal import print_table
 from simloop.evaluation.metrics import versions
 from simloop.loop import Simulation
 from simloop.messages import FloatArray, Message, TrackCommand
-from simloop.observers import recorder_for
 from simloop.physics.plant import Plant
+from simloop.recording.listeners import recorder_for
 from simloop.scenario import Scenario
 from simloop.sensors import Lidar
 from simloop.warmup import warm_up

@@ -30,7 +30,7 @@ def worst(runs: Sequence[Done], most: int) -> list[Done]:
 def record(runs: Sequence[Done], folder: Path) -> Iterator[Path]:
     """A recording of each into ``folder``; what is there already is left as it is."""
     from simloop.loop import Simulation
-    from simloop.observers import recorder_for
+    from simloop.recording.listeners import recorder_for
     from simloop.world import build_world
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -51,7 +51,7 @@ def record(runs: Sequence[Done], folder: Path) -> Iterator[Path]:
 def picture(spec: RunSpec, folder: Path) -> Path | None:
     """The sheet of eight moments of a run; None where none can be drawn."""
     from simloop.loop import Simulation
-    from simloop.observers import snapshots_for
+    from simloop.recording.listeners import snapshots_for
     from simloop.world import build_world
 
     scenario = spec.load()

@@ -200,7 +200,7 @@ class _Watch:
         from simloop.evaluation.metrics import versions
         from simloop.evaluation.plan_gap import PlanLog
         from simloop.loop import Simulation
-        from simloop.observers import recorder_for, snapshots_for
+        from simloop.recording.listeners import recorder_for, snapshots_for
 
         self._recorder = self._pictures = self._plans = None
         listeners = []

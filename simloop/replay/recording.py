@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from simloop.messages import FloatArray
-from simloop.record_columns import lifted
-from simloop.record_images import occupancy
+from simloop.recording.columns import lifted
+from simloop.recording.images import occupancy
 
 if TYPE_CHECKING:
     from simloop.replay.session import Replay

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from simloop.arena import is_free
 from simloop.messages import FloatArray
-from simloop.shapes import Body, Shape, ShapeKind
+from simloop.recording.shapes import Body, Shape, ShapeKind
 
 _COLLISION_GROUP = 3
 _KINDS: dict[int, ShapeKind] = {

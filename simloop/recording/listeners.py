@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from simloop.recording.scene_shapes import scene_bodies, scene_shapes
 from simloop.scenario import Scenario
-from simloop.scene_shapes import scene_bodies, scene_shapes
 from simloop.world import World
 
 if TYPE_CHECKING:
-    from simloop.recorder import RerunRecorder
-    from simloop.snapshot import Snapshots
+    from simloop.recording.recorder import RerunRecorder
+    from simloop.recording.snapshots import Snapshots
 
 
 def title_of(scenario: Scenario) -> str:
@@ -21,7 +21,7 @@ def title_of(scenario: Scenario) -> str:
 
 def recorder_for(path: Path, scenario: Scenario, world: World) -> RerunRecorder:
     """A recorder of this run into a file; close it at the end. Raises OSError if it cannot open."""
-    from simloop.recorder import RerunRecorder
+    from simloop.recording.recorder import RerunRecorder
 
     return RerunRecorder(
         path,
@@ -39,7 +39,7 @@ def recorder_for(path: Path, scenario: Scenario, world: World) -> RerunRecorder:
 
 def snapshots_for(directory: Path, scenario: Scenario, world: World) -> Snapshots:
     """The pictures of this run, drawn when it is finished."""
-    from simloop.snapshot import Snapshots
+    from simloop.recording.snapshots import Snapshots
 
     vehicle = scenario.config.vehicle
     return Snapshots(world.model, directory, scenario.goal, vehicle, title_of(scenario))

@@ -9,7 +9,7 @@ import numpy as np
 
 from simloop.mapping.grid_map import GridMap
 from simloop.messages import DepthImage, MapUpdate
-from simloop.record_columns import occupancy_percent
+from simloop.recording.columns import occupancy_percent
 
 if TYPE_CHECKING:
     import rerun as rr

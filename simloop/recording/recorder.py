@@ -17,7 +17,6 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from simloop.blueprint import make_blueprint
 from simloop.config import VehicleConfig
 from simloop.estimation.dead_reckoning import compose_all
 from simloop.evaluation.plan_gap import PlanRecord
@@ -41,7 +40,8 @@ from simloop.messages import (
     Truth,
     WorldView,
 )
-from simloop.record_columns import (
+from simloop.recording.blueprint import make_blueprint
+from simloop.recording.columns import (
     DERIVED,
     SERIES,
     circles,
@@ -50,9 +50,9 @@ from simloop.record_columns import (
     mover_strips,
     nees,
 )
-from simloop.record_images import depth_columns, occupancy, pinhole
-from simloop.scene_log import BASE, CAMERA, MAP, ODOM, log_scene
-from simloop.shapes import Body, Shape
+from simloop.recording.images import depth_columns, occupancy, pinhole
+from simloop.recording.scene_log import BASE, CAMERA, MAP, ODOM, log_scene
+from simloop.recording.shapes import Body, Shape
 
 TIMELINE = "sim_time"
 _FLUSH_NS = 1_000_000_000

@@ -10,7 +10,7 @@ import numpy as np
 
 from simloop.config import VehicleConfig
 from simloop.messages import FloatArray
-from simloop.shapes import Body, Shape
+from simloop.recording.shapes import Body, Shape
 
 if TYPE_CHECKING:
     import rerun as rr

@@ -36,7 +36,7 @@ from simloop.messages import (
     Truth,
     WorldView,
 )
-from simloop.planner_view import PAPER, Belief, Image, PlannerView, write_text
+from simloop.recording.belief_picture import PAPER, Belief, Image, PlannerView, write_text
 
 _log = logging.getLogger(__name__)
 
