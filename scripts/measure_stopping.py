@@ -16,10 +16,10 @@ import numpy as np
 from simloop.ekf import GAUGE
 from simloop.messages import EncoderReading, Estimate, FloatArray
 from simloop.physics.plant import Plant
-from simloop.scenario import load
+from simloop.scenario.build import build_world
+from simloop.scenario.scenario import load
 from simloop.sensors import Encoders
 from simloop.tracker import Drive
-from simloop.world import build_world
 
 _STEADY_S, _STOP_S = 2.0, 3.0
 _GAUGE_RATIO = 1.23

@@ -19,9 +19,9 @@ from simloop.movers.crowd import Crowd, MovingGoal
 from simloop.physics.faults import Faults
 from simloop.physics.plant import Plant
 from simloop.robot import Mission, Robot
-from simloop.scenario import Scenario
+from simloop.scenario.build import World, build_world
+from simloop.scenario.scenario import Scenario
 from simloop.sensors import Encoders, Imu, Lidar
-from simloop.world import World, build_world
 
 _STILL_MPS = 0.01
 _PROGRESS_TICKS = 20

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from simloop.common.compile_listener import Report, listening, silent
-from simloop.scenario import Scenario
-from simloop.world import World
+from simloop.scenario.build import World
+from simloop.scenario.scenario import Scenario
 
 _WARM_UP_S = 0.5
 

@@ -8,7 +8,7 @@ import pytest
 from simloop import planners
 from simloop.loop import Simulation
 from simloop.messages import Plan, SmoothPath, Truth
-from simloop.scenario import load
+from simloop.scenario.scenario import load
 
 
 def drive(scenario, planner="tlbo", *overrides, seed=1000):

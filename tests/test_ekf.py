@@ -36,9 +36,9 @@ from simloop.geometry.se2 import wrap_angle
 from simloop.localiser import Localiser
 from simloop.messages import EncoderReading, Frames, ImuReading, PoseFix, Truth
 from simloop.physics.plant import Plant
-from simloop.scenario import load
+from simloop.scenario.build import build_world
+from simloop.scenario.scenario import load
 from simloop.sensors import Encoders, Imu, Lidar
-from simloop.world import build_world
 
 DT = 0.01
 GAUGE_M = VehicleConfig().gauge_m

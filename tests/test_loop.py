@@ -21,7 +21,7 @@ from simloop.messages import (
     TrackCommand,
     Truth,
 )
-from simloop.scenario import load
+from simloop.scenario.scenario import load
 
 
 class Tape:
@@ -89,7 +89,7 @@ def test_the_same_seed_gives_the_same_bits_recorded_or_not(taped):
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_bits_in_two_processes():
     code = (
-        "from simloop.loop import Simulation; from simloop.scenario import load;"
+        "from simloop.loop import Simulation; from simloop.scenario.scenario import load;"
         "print(Simulation(load('experiment', seed=3)).run().metrics['state_hash'])"
     )
     hashes = {

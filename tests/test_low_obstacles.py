@@ -23,7 +23,7 @@ from simloop.messages import DepthImage, Event, LowObstacles, MoverTracks, Truth
 from simloop.obstacles import Obstacle
 from simloop.perception.low_obstacles import LowObstacleMap, in_the_way, looking_ahead, seen_too
 from simloop.physics.plant import Plant
-from simloop.scenario import load
+from simloop.scenario.scenario import load
 
 MOUNT = np.array([0.205, 0.0, 0.158])
 CLEAN = CameraConfig(enabled=True, noise_1pm=0.0, dropout=0.0)

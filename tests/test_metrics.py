@@ -15,8 +15,8 @@ from simloop.evaluation.metrics import RunMetrics, versions
 from simloop.floor_plan import Section, rasterise
 from simloop.footprint import clearances, least_clearance
 from simloop.messages import Estimate, Plan, Truth
-from simloop.scenario import load
-from simloop.world import build_world
+from simloop.scenario.build import build_world
+from simloop.scenario.scenario import load
 
 VEHICLE = VehicleConfig()
 TICK_NS = 10_000_000

@@ -21,7 +21,7 @@ from simloop.movers.draw import draw_crowd
 from simloop.movers.motion import Outline, gap_to_outline, room_at
 from simloop.movers.settings import Crowd as CrowdSettings
 from simloop.movers.settings import GoalMotion, Mover
-from simloop.scenario import load
+from simloop.scenario.scenario import load
 
 PERIOD_S = 0.01
 FLOOR = rasterise(

@@ -10,8 +10,8 @@ from simloop.common.errors import InputError
 from simloop.loop import Simulation
 from simloop.messages import Event, WorldView
 from simloop.navigation.feasibility import Reachability, is_closed_off
-from simloop.scenario import load
-from simloop.world import build_world
+from simloop.scenario.build import build_world
+from simloop.scenario.scenario import load
 
 STEP = 0.05
 BOX = """

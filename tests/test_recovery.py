@@ -13,7 +13,7 @@ from simloop.control.recovery import MOST_RECOVERIES, Recovery
 from simloop.ekf import GAUGE
 from simloop.loop import Simulation
 from simloop.messages import Estimate, Event
-from simloop.scenario import load
+from simloop.scenario.scenario import load
 
 CONFIG, VEHICLE = TrackerConfig(), VehicleConfig()
 HALF_LENGTH, HALF_WIDTH = 0.5 * VEHICLE.length_m, 0.5 * VEHICLE.width_m

@@ -18,7 +18,7 @@ from stopping import CONFIG, HALF, VEHICLE, at_arc, box, drive_blindly, gaps, in
 from simloop.control.collision_monitor import CollisionMonitor, allowed_part, free_fraction
 from simloop.loop import Simulation
 from simloop.messages import LidarScan, Truth
-from simloop.scenario import load
+from simloop.scenario.scenario import load
 
 LIMITS = np.array(
     [

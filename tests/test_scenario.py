@@ -10,10 +10,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from simloop.catalog import arena_files, planner_names, scenario_facts, scenario_files
 from simloop.common.errors import InputError
-from simloop.scenario import Scenario, apply_override, from_table, load, to_toml
-from simloop.world import build_world, nearest
+from simloop.scenario.build import build_world, nearest
+from simloop.scenario.catalog import arena_files, planner_names, scenario_facts, scenario_files
+from simloop.scenario.scenario import Scenario, apply_override, from_table, load, to_toml
 
 MINIMAL = 'arena = "open"\nstart = [0, 0, 0]\ngoal = [1, 2]\n'
 

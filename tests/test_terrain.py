@@ -21,9 +21,9 @@ from simloop.loop import Simulation
 from simloop.physics.plant import Plant
 from simloop.physics.track_model import friction_at, friction_map
 from simloop.recording.scene_shapes import scene_shapes
-from simloop.scenario import load
+from simloop.scenario.build import build_world
+from simloop.scenario.scenario import load
 from simloop.terrain import HeightField, Loose, Ramp, Step, Terrain
-from simloop.world import build_world
 
 FIELD = HeightField((-2.0, -1.5), (2.0, 1.5), rms_m=0.004, correlation_m=0.3, seed=3)
 

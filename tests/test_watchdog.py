@@ -12,7 +12,7 @@ from simloop.control.watchdog import DEAF, LATE, NO_BELTS, OLD_PATH, StandingCou
 from simloop.estimation.health import LEFT_BELT, NO_COUNTS, NO_IMU, RIGHT_BELT
 from simloop.loop import Simulation
 from simloop.messages import EncoderReading, Event, Plan, TrackCommand, Truth
-from simloop.scenario import load
+from simloop.scenario.scenario import load
 
 RATES, TRACKER, CONFIG = RatesConfig(), TrackerConfig(), WatchdogConfig()
 TICK_NS = 10_000_000

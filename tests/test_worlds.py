@@ -13,8 +13,8 @@ from simloop.clutter import is_passable
 from simloop.common.errors import InputError
 from simloop.config import VehicleConfig
 from simloop.floor_plan import rasterise
-from simloop.scenario import load
-from simloop.world import build_world
+from simloop.scenario.build import build_world
+from simloop.scenario.scenario import load
 from simloop.worlds import buildings, fields, mazes
 from simloop.worlds.generator import Generator, draw_world
 from simloop.worlds.layout import walls_about
@@ -37,7 +37,7 @@ def test_a_world_is_its_seeds_and_can_be_crossed(kind):
 
 
 def test_a_saved_scenario_gives_the_same_world(tmp_path):
-    from simloop.scenario import to_toml
+    from simloop.scenario.scenario import to_toml
 
     scenario = load("maze", seed=3)
     file = tmp_path / "again.toml"

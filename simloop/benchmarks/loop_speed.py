@@ -25,10 +25,10 @@ from simloop.loop import Simulation
 from simloop.messages import FloatArray, Message, TrackCommand
 from simloop.physics.plant import Plant
 from simloop.recording.listeners import recorder_for
-from simloop.scenario import Scenario
+from simloop.scenario.build import World, build_world
+from simloop.scenario.scenario import Scenario
 from simloop.sensors import Lidar
 from simloop.warmup import warm_up
-from simloop.world import World, build_world
 
 _SCANS = 200
 

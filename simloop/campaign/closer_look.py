@@ -31,7 +31,7 @@ def record(runs: Sequence[Done], folder: Path) -> Iterator[Path]:
     """A recording of each into ``folder``; what is there already is left as it is."""
     from simloop.loop import Simulation
     from simloop.recording.listeners import recorder_for
-    from simloop.world import build_world
+    from simloop.scenario.build import build_world
 
     folder.mkdir(parents=True, exist_ok=True)
     for spec, _ in runs:
@@ -52,7 +52,7 @@ def picture(spec: RunSpec, folder: Path) -> Path | None:
     """The sheet of eight moments of a run; None where none can be drawn."""
     from simloop.loop import Simulation
     from simloop.recording.listeners import snapshots_for
-    from simloop.world import build_world
+    from simloop.scenario.build import build_world
 
     scenario = spec.load()
     world = build_world(scenario)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from simloop.common.errors import InputError
-from simloop.scenario import Scenario, load
+from simloop.scenario.scenario import Scenario, load
 
 _MOST_RUNS = 1_000_000
 _STEPS = re.compile(r"(-?[\d.eE+-]+):(-?[\d.eE+-]+):([\d.eE+-]+)\Z")

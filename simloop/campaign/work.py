@@ -11,7 +11,7 @@ from typing import Any
 from simloop.campaign.spec import RunSpec
 from simloop.common.errors import InputError
 from simloop.loop import Simulation
-from simloop.world import World, build_world
+from simloop.scenario.build import World, build_world
 
 Row = dict[str, Any]
 TIMING = ("wall_time_s", "real_time_factor", "plan_ms_p50", "plan_ms_p99")

@@ -33,8 +33,8 @@ from simloop.common.errors import InputError
 if TYPE_CHECKING:
     from simloop.common.files import Outputs
     from simloop.loop import RunResult, Simulation
-    from simloop.scenario import Scenario
-    from simloop.world import World
+    from simloop.scenario.build import World
+    from simloop.scenario.scenario import Scenario
 
 app = typer.Typer(
     name="simloop",
@@ -105,8 +105,9 @@ def _about(
 @app.command("list")
 def list_choices() -> int:
     """Show the scenarios, planners and arenas that can be named."""
-    from simloop import catalog, planners
+    from simloop import planners
     from simloop.common.terminal import print_table
+    from simloop.scenario import catalog
 
     console = Console()
     facts = {name: catalog.scenario_facts(path) for name, path in catalog.scenario_files().items()}
@@ -138,7 +139,7 @@ def run_scenario(
 ) -> int:
     """Run a scenario: exit code 0 if the goal is reached, 1 if the robot fails."""
     from simloop.common.files import choose
-    from simloop.scenario import load, resolve
+    from simloop.scenario.scenario import load, resolve
 
     wanted = load(scenario, overrides or (), seed=seed, planner=planner)
     outputs = choose(out, record, snapshots, json_file)
@@ -248,7 +249,7 @@ def _drive(simulation: Simulation, notes: Console, stop: Callable[[], bool]) -> 
 def _build(scenario: Scenario) -> World:
     """The scenario's world. MuJoCo loads what MUJOCO_GL names as it is imported, and fails so."""
     try:
-        from simloop.world import build_world
+        from simloop.scenario.build import build_world
     except Exception as error:
         name = os.environ.get("MUJOCO_GL")
         if not name:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from simloop.common.errors import InputError
-from simloop.scenario import Scenario, to_toml
+from simloop.scenario.scenario import Scenario, to_toml
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ from simloop.floor_plan import FloorPlan
 from simloop.footprint import least_clearance
 from simloop.geometry.se2 import wrap_angles
 from simloop.messages import Estimate, FloatArray, Health, Plan, TrackTruth, Truth
-from simloop.scenario import Scenario
+from simloop.scenario.scenario import Scenario
 
 Outcome = Literal["reached", "collision", "timeout", "stuck"]
 

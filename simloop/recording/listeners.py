@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from simloop.recording.scene_shapes import scene_bodies, scene_shapes
-from simloop.scenario import Scenario
-from simloop.world import World
+from simloop.scenario.build import World
+from simloop.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
     from simloop.recording.recorder import RerunRecorder

@@ -23,7 +23,6 @@ from pydantic.dataclasses import dataclass
 from pydantic_core import ErrorDetails
 
 from simloop import planners
-from simloop.catalog import arena_files, planner_names, scenario_files
 from simloop.common.errors import InputError, did_you_mean
 from simloop.common.quantities import STRICT, Fraction, Positive, has_area, reject
 from simloop.config import Config, TracksConfig
@@ -31,6 +30,7 @@ from simloop.mapping.map_files import load_map
 from simloop.movers.settings import Crowd, GoalMotion, Mover
 from simloop.obstacles import Coordinate, Obstacle, Point
 from simloop.physics.faults import Fault
+from simloop.scenario.catalog import arena_files, planner_names, scenario_files
 from simloop.terrain import MOST_ROUGH_STEP_S, Loose, Terrain
 from simloop.worlds.generator import Generator
 

@@ -23,7 +23,7 @@ from simloop.movers.draw import draw_crowd
 from simloop.movers.settings import Mover
 from simloop.obstacles import Obstacle
 from simloop.physics.track_model import friction_map
-from simloop.scenario import Scenario
+from simloop.scenario.scenario import Scenario
 from simloop.worlds.generator import draw_world
 from simloop.worlds.layout import Layout
 from simloop.worlds.picture import read_picture
