@@ -32,7 +32,7 @@ from simloop.loop import Simulation
 from simloop.messages import Message, Truth
 from simloop.scenario.build import World, build_world
 from simloop.scenario.scenario import Scenario, apply_override, from_table
-from simloop.worlds.sdf import read_sdf
+from simloop.worlds.gazebo_world import read_sdf
 
 _MOVED_M, _NEAR_M, _LIMIT_S = 0.1, 1.0, 100.0
 _TOP_MPS = 0.47

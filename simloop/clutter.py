@@ -10,9 +10,9 @@ import numpy as np
 from scipy import ndimage
 
 from simloop.config import VehicleConfig
-from simloop.floor_plan import FloorPlan, Section, rasterise
 from simloop.messages import FloatArray
-from simloop.obstacles import Obstacle, ShapeName
+from simloop.worlds.floor_plan import FloorPlan, Section, rasterise
+from simloop.worlds.obstacles import Obstacle, ShapeName
 
 _SHAPES: tuple[ShapeName, ...] = ("box", "cylinder", "ellipse", "polygon", "ell")
 _ROOMS = 200

@@ -13,7 +13,6 @@ import cv2
 import mujoco
 import numpy as np
 
-from simloop.arena import floor_plan
 from simloop.evaluation.shortest_path import shortest_path
 from simloop.geometry.se2 import compose, inverse
 from simloop.messages import (
@@ -33,6 +32,7 @@ from simloop.messages import (
     Truth,
     WorldView,
 )
+from simloop.worlds.arena import floor_plan
 
 GOAL = np.array([3.6, 3.9])
 TICK_NS = 10_000_000

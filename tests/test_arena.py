@@ -11,7 +11,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from simloop.arena import (
+from simloop.clutter import is_blocked, is_passable
+from simloop.worlds.arena import (
     arena_names,
     arena_path,
     bounds_of,
@@ -20,9 +21,8 @@ from simloop.arena import (
     floor_plan,
     section_of_geom,
 )
-from simloop.clutter import is_blocked, is_passable
-from simloop.floor_plan import BAND_M, Section, rasterise
-from simloop.obstacles import Obstacle
+from simloop.worlds.floor_plan import BAND_M, Section, rasterise
+from simloop.worlds.obstacles import Obstacle
 
 START, GOAL = np.zeros(2), np.array([3.6, 3.9])
 ROOM = (-0.65, -0.55, 4.35, 4.45)

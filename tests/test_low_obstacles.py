@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from test_sensors import truth_at
 
-from simloop.arena import build, floor_plan
 from simloop.config import CameraConfig, Config, LowObstaclesConfig, RatesConfig, SlamConfig
 from simloop.control.collision_monitor import CollisionMonitor
 from simloop.control.watchdog import BLIND
@@ -20,10 +19,11 @@ from simloop.depth_camera import DepthCamera
 from simloop.loop import Simulation
 from simloop.mapping.grid_map import GridMap
 from simloop.messages import DepthImage, Event, LowObstacles, MoverTracks, Truth
-from simloop.obstacles import Obstacle
 from simloop.perception.low_obstacles import LowObstacleMap, in_the_way, looking_ahead, seen_too
 from simloop.physics.plant import Plant
 from simloop.scenario.scenario import load
+from simloop.worlds.arena import build, floor_plan
+from simloop.worlds.obstacles import Obstacle
 
 MOUNT = np.array([0.205, 0.0, 0.158])
 CLEAN = CameraConfig(enabled=True, noise_1pm=0.0, dropout=0.0)

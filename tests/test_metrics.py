@@ -12,11 +12,11 @@ import pytest
 from simloop.common.profiler import NullProfiler, Profiler
 from simloop.config import VehicleConfig
 from simloop.evaluation.metrics import RunMetrics, versions
-from simloop.floor_plan import Section, rasterise
-from simloop.footprint import clearances, least_clearance
 from simloop.messages import Estimate, Plan, Truth
 from simloop.scenario.build import build_world
 from simloop.scenario.scenario import load
+from simloop.worlds.floor_plan import Section, rasterise
+from simloop.worlds.outline_gap import clearances, least_clearance
 
 VEHICLE = VehicleConfig()
 TICK_NS = 10_000_000

@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from simloop.arena import arena_names, build
 from simloop.common.data_files import models_dir
 from simloop.config import VehicleConfig
+from simloop.worlds.arena import arena_names, build
 
 SENSOR = ("visual_lidar", "hull_mast")
 WHEELS = [f"road_{side}_{i}" for side in ("left", "right") for i in range(6)]

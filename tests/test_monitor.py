@@ -20,10 +20,10 @@ from simloop.control.collision_monitor import (
     steadied,
 )
 from simloop.ekf import GAUGE
-from simloop.footprint import outline_corners
 from simloop.messages import Estimate
 from simloop.sensors import Encoders
 from simloop.tracker import Drive
+from simloop.worlds.outline_gap import outline_corners
 
 HALF_LENGTH, HALF_WIDTH = 0.245, 0.2325
 ORIGIN = np.zeros(3)

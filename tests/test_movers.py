@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from simloop.common.errors import InputError
 from simloop.config import VehicleConfig
-from simloop.floor_plan import Section, rasterise
 from simloop.loop import Simulation
 from simloop.messages import GoalReading, LooseTruth, MoverTracks, TrackCommand
 from simloop.movers.crowd import Crowd, MovingGoal, on_path
@@ -22,6 +21,7 @@ from simloop.movers.motion import Outline, gap_to_outline, room_at
 from simloop.movers.settings import Crowd as CrowdSettings
 from simloop.movers.settings import GoalMotion, Mover
 from simloop.scenario.scenario import load
+from simloop.worlds.floor_plan import Section, rasterise
 
 PERIOD_S = 0.01
 FLOOR = rasterise(

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from vehicles import plant_on_plane
 
-from simloop.arena import build
 from simloop.config import Config, MotorConfig
-from simloop.obstacles import Obstacle
 from simloop.physics.plant import Plant
+from simloop.worlds.arena import build
+from simloop.worlds.obstacles import Obstacle
 
 GROUPS = np.array([1, 1, 0, 0, 0, 0], np.uint8)
 WALL = Obstacle(shape="box", position_m=(1.0, 0.0), size_m=(0.1, 2.0))

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from synthetic_run import GOAL, OFF, SyntheticRun
 
-from simloop.arena import bounds_of, build
 from simloop.estimation.dead_reckoning import compose_all
 from simloop.geometry.se2 import compose
 from simloop.messages import DepthImage, LowObstacles, MapUpdate, Plan, Truth, WorldView
 from simloop.recording.columns import ellipses, nees, occupancy_percent
 from simloop.recording.recorder import TIMELINE, NullRecorder, RerunRecorder
 from simloop.recording.scene_shapes import scene_bodies, scene_shapes
+from simloop.worlds.arena import bounds_of, build
 
 MODEL = build("experiment")
 SECONDS = 5.0

@@ -13,7 +13,6 @@ from test_tracker import CONFIG, ENCODER, MOTOR, VEHICLE, K, at_pose, estimate_o
 from vehicles import plant_on_plane
 
 from simloop.control.collision_monitor import CollisionMonitor
-from simloop.footprint import outline_corners
 from simloop.geometry.se2 import about_face, wrap_angle
 from simloop.loop import Simulation
 from simloop.messages import TrackCommand, Truth
@@ -21,6 +20,7 @@ from simloop.reversing import rear_first
 from simloop.scenario.scenario import load
 from simloop.sensors import Encoders
 from simloop.tracker import Drive
+from simloop.worlds.outline_gap import outline_corners
 
 ORIGIN = np.zeros(3)
 CORNER_M = math.hypot(VEHICLE.length_m, VEHICLE.width_m) / 2.0

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simloop.evaluation.shortest_path import segment_distances, shortest_path
-from simloop.floor_plan import Section, rasterise
+from simloop.worlds.floor_plan import Section, rasterise
 
 BOX = (-10.0, -10.0, 10.0, 10.0)
 

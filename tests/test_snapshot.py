@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from synthetic_run import GOAL, OFF, SyntheticRun
 
-from simloop.arena import build
 from simloop.config import VehicleConfig
 from simloop.messages import LidarScan, MapUpdate, Plan, SmoothPath, WorldView
 from simloop.recording.belief_picture import (
@@ -27,6 +26,7 @@ from simloop.recording.belief_picture import (
 )
 from simloop.recording.belief_picture import GOAL as GOAL_INK
 from simloop.recording.snapshots import Snapshots, _NoOpenGL, _open_gl
+from simloop.worlds.arena import build
 
 BOUNDS = (0.0, 0.0, 4.7, 4.7)  # with the view's margin: 5 m, 100 px a metre
 

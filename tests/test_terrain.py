@@ -11,19 +11,24 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simloop.arena import build
 from simloop.common.data_files import models_dir
 from simloop.common.errors import InputError
 from simloop.common.grey_image import read_grey
 from simloop.config import Config, FrictionImage, FrictionZone
-from simloop.ground import climbable_height, climbing_angle_of, ground_height, heights_of
 from simloop.loop import Simulation
 from simloop.physics.plant import Plant
 from simloop.physics.track_model import friction_at, friction_map
 from simloop.recording.scene_shapes import scene_shapes
 from simloop.scenario.build import build_world
 from simloop.scenario.scenario import load
-from simloop.terrain import HeightField, Loose, Ramp, Step, Terrain
+from simloop.worlds.arena import build
+from simloop.worlds.mjcf_ground import (
+    climbable_height,
+    climbing_angle_of,
+    ground_height,
+    heights_of,
+)
+from simloop.worlds.terrain import HeightField, Loose, Ramp, Step, Terrain
 
 FIELD = HeightField((-2.0, -1.5), (2.0, 1.5), rms_m=0.004, correlation_m=0.3, seed=3)
 

@@ -10,7 +10,6 @@ import pytest
 from scipy.optimize import brentq
 from vehicles import plant_on_plane
 
-from simloop.arena import build
 from simloop.config import (
     Config,
     FrictionZone,
@@ -31,6 +30,7 @@ from simloop.physics.track_model import (
 )
 from simloop.physics.track_theory import Icr, icr_motion
 from simloop.physics.vehicle_geoms import road_wheels
+from simloop.worlds.arena import build
 
 VEHICLE = VehicleConfig()
 WEIGHT_N = 98.1

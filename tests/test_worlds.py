@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 from simloop.clutter import is_passable
 from simloop.common.errors import InputError
 from simloop.config import VehicleConfig
-from simloop.floor_plan import rasterise
 from simloop.scenario.build import build_world
 from simloop.scenario.scenario import load
 from simloop.worlds import buildings, fields, mazes
+from simloop.worlds.floor_plan import rasterise
+from simloop.worlds.gazebo_world import read_sdf
 from simloop.worlds.generator import Generator, draw_world
 from simloop.worlds.layout import walls_about
-from simloop.worlds.picture import read_picture, rectangles
-from simloop.worlds.sdf import read_sdf
+from simloop.worlds.map_server_world import read_picture, rectangles
 
 KINDS = ("barn", "forest", "rooms", "maze", "gaps", "utrap")
 

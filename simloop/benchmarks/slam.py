@@ -22,7 +22,6 @@ from simloop.common.compile_listener import Report, silent
 from simloop.common.errors import InputError, did_you_mean
 from simloop.common.terminal import print_table
 from simloop.evaluation.metrics import versions
-from simloop.floor_plan import FloorPlan
 from simloop.geometry.se2 import between, compose, wrap_angle
 from simloop.graph_slam.mapper import GraphMapper
 from simloop.graph_slam.settings import MappingConfig
@@ -30,6 +29,7 @@ from simloop.graph_slam.warmup import warm_up
 from simloop.mapping.grid_map import GridMap
 from simloop.mapping.scan_match import deskew
 from simloop.messages import FloatArray
+from simloop.worlds.floor_plan import FloorPlan
 
 _RPE_M = 1.0
 _SUMMARY = ("course", "seeds", "ate_rmse_max_m", "ate_from_start_max_m", "nees_mean")

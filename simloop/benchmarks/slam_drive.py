@@ -13,14 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-from simloop.arena import build, floor_plan
 from simloop.benchmarks.slam_courses import Course
 from simloop.config import Config
-from simloop.floor_plan import FloorPlan
 from simloop.geometry.se2 import wrap_angle
 from simloop.messages import EncoderReading, FloatArray, LidarScan, Truth
 from simloop.physics.plant import Plant
 from simloop.sensors import Encoders, Imu, Lidar
+from simloop.worlds.arena import build, floor_plan
+from simloop.worlds.floor_plan import FloorPlan
 
 _SPEED_MPS, _MOST_RATE = 0.4, 0.8
 _LOOK_M, _NEAR_M = 0.5, 0.25

@@ -14,7 +14,7 @@ import numpy as np
 
 from simloop.certify.ground import kinetic_and_potential, spent_j
 from simloop.certify.rig import CONTROL_S, Bench, Block, Rig
-from simloop.terrain import MOST_ROUGH_STEP_S
+from simloop.worlds.terrain import MOST_ROUGH_STEP_S
 
 _STEPS_S = (0.001, 0.002, 0.005)
 _EPISODE_S = 4.0

@@ -14,7 +14,6 @@ from typing import Literal
 import mujoco
 import numpy as np
 
-from simloop.arena import add_payload
 from simloop.common.data_files import models_dir
 from simloop.config import (
     Config,
@@ -27,6 +26,7 @@ from simloop.config import (
 from simloop.messages import FloatArray, Truth
 from simloop.physics import track_theory as theory
 from simloop.physics.plant import Plant
+from simloop.worlds.arena import add_payload
 
 GRAVITY_MPS2 = 9.81
 CONTROL_S = 0.01

@@ -18,11 +18,11 @@ import numpy as np
 from simloop import __version__
 from simloop.evaluation.health_account import account
 from simloop.evaluation.shortest_path import shortest_path
-from simloop.floor_plan import FloorPlan
-from simloop.footprint import least_clearance
 from simloop.geometry.se2 import wrap_angles
 from simloop.messages import Estimate, FloatArray, Health, Plan, TrackTruth, Truth
 from simloop.scenario.scenario import Scenario
+from simloop.worlds.floor_plan import FloorPlan
+from simloop.worlds.outline_gap import least_clearance
 
 Outcome = Literal["reached", "collision", "timeout", "stuck"]
 

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simloop.floor_plan import FloorPlan
 from simloop.messages import FloatArray
+from simloop.worlds.floor_plan import FloorPlan
 
 _SLACK_M = 1e-6
 """A tangent touches what it is tangent to; closer than this to the radius is as good as on it."""

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from simloop.config import VehicleConfig
-from simloop.floor_plan import FloorPlan
 from simloop.geometry.se2 import wrap_angle
 from simloop.messages import FloatArray, GoalReading
 from simloop.movers.motion import (
@@ -27,6 +26,7 @@ from simloop.movers.motion import (
     gap_to_outline,
 )
 from simloop.movers.settings import GoalMotion, Mover
+from simloop.worlds.floor_plan import FloorPlan
 
 _KINDS = {"path": PATH, "constant": CONSTANT, "walk": WALK, "pedestrian": PEDESTRIAN}
 _FAR_M = 1e6

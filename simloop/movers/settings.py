@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from pydantic.dataclasses import dataclass
 
 from simloop.common.quantities import STRICT
-from simloop.obstacles import Coordinate, Point
+from simloop.worlds.obstacles import Coordinate, Point
 
 Motion = Literal["path", "constant", "walk", "pedestrian"]
 Diameter = Annotated[float, Field(ge=0.05, le=5.0)]

@@ -17,8 +17,8 @@ from pydantic.dataclasses import dataclass
 
 from simloop.common.quantities import STRICT, has_area
 from simloop.messages import DepthImage, EncoderReading, FloatArray, ImuReading, LidarScan, Truth
-from simloop.obstacles import Coordinate, Point
 from simloop.sensors import RayCaster
+from simloop.worlds.obstacles import Coordinate, Point
 
 Seconds = Annotated[float, Field(ge=0.0, le=1e6)]
 Kind = Literal[

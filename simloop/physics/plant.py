@@ -12,9 +12,7 @@ import hashlib
 import mujoco
 import numpy as np
 
-from simloop.arena import SEEN_GROUPS, is_free
 from simloop.config import Config
-from simloop.ground import ground_height
 from simloop.messages import FloatArray, LooseTruth, TrackTruth, Truth
 from simloop.physics.track_kernel import apply_tracks, settle_account
 from simloop.physics.track_model import (
@@ -41,6 +39,8 @@ from simloop.physics.truth_kernels import (
     motion_now,
 )
 from simloop.physics.vehicle_geoms import geom_kinds, road_wheels
+from simloop.worlds.arena import SEEN_GROUPS, is_free
+from simloop.worlds.mjcf_ground import ground_height
 
 _GRAVITY_MPS2 = 9.81
 _TURNING_RADPS = 0.02

@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from simloop.arena import is_free
 from simloop.messages import FloatArray
 from simloop.recording.shapes import Body, Shape, ShapeKind
+from simloop.worlds.arena import is_free
 
 _COLLISION_GROUP = 3
 _KINDS: dict[int, ShapeKind] = {

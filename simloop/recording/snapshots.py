@@ -20,7 +20,6 @@ import cv2
 import mujoco
 import numpy as np
 
-from simloop.arena import bounds_of
 from simloop.config import VehicleConfig
 from simloop.messages import (
     Estimate,
@@ -37,6 +36,7 @@ from simloop.messages import (
     WorldView,
 )
 from simloop.recording.belief_picture import PAPER, Belief, Image, PlannerView, write_text
+from simloop.worlds.arena import bounds_of
 
 _log = logging.getLogger(__name__)
 

@@ -13,21 +13,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simloop.arena import bounds_of, build, floor_plan, overlaps, sections_of
 from simloop.clutter import draw_clutter, is_passable, out_of_plane
 from simloop.common.errors import InputError
-from simloop.floor_plan import FloorPlan
-from simloop.footprint import least_clearance
 from simloop.messages import FloatArray
 from simloop.movers.draw import draw_crowd
 from simloop.movers.settings import Mover
-from simloop.obstacles import Obstacle
 from simloop.physics.track_model import friction_map
 from simloop.scenario.scenario import Scenario
+from simloop.worlds.arena import bounds_of, build, floor_plan, overlaps, sections_of
+from simloop.worlds.floor_plan import FloorPlan
+from simloop.worlds.gazebo_world import read_sdf
 from simloop.worlds.generator import draw_world
 from simloop.worlds.layout import Layout
-from simloop.worlds.picture import read_picture
-from simloop.worlds.sdf import read_sdf
+from simloop.worlds.map_server_world import read_picture
+from simloop.worlds.obstacles import Obstacle
+from simloop.worlds.outline_gap import least_clearance
 
 if TYPE_CHECKING:
     from mujoco import MjModel

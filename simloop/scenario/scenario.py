@@ -28,11 +28,11 @@ from simloop.common.quantities import STRICT, Fraction, Positive, has_area, reje
 from simloop.config import Config, TracksConfig
 from simloop.mapping.map_files import load_map
 from simloop.movers.settings import Crowd, GoalMotion, Mover
-from simloop.obstacles import Coordinate, Obstacle, Point
 from simloop.physics.faults import Fault
 from simloop.scenario.catalog import arena_files, planner_names, scenario_files
-from simloop.terrain import MOST_ROUGH_STEP_S, Loose, Terrain
 from simloop.worlds.generator import Generator
+from simloop.worlds.obstacles import Coordinate, Obstacle, Point
+from simloop.worlds.terrain import MOST_ROUGH_STEP_S, Loose, Terrain
 
 _BARE_WORD = re.compile(r"[A-Za-z_./][A-Za-z0-9_\-./]*\Z")
 Count = Annotated[int, Field(ge=0, lt=2**63)]

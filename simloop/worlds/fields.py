@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from simloop.obstacles import Obstacle
 from simloop.worlds.layout import Bounds
+from simloop.worlds.obstacles import Obstacle
 
 _BARN_CELL_M = 0.15
 _BARN_ROUNDS = 4

@@ -13,10 +13,10 @@ from pydantic.dataclasses import dataclass
 from simloop.clutter import is_passable
 from simloop.common.quantities import STRICT, Fraction, reject
 from simloop.config import VehicleConfig
-from simloop.floor_plan import rasterise
-from simloop.obstacles import Obstacle
 from simloop.worlds import buildings, fields, mazes
+from simloop.worlds.floor_plan import rasterise
 from simloop.worlds.layout import WALL_M, Bounds, Layout, walls_about
+from simloop.worlds.obstacles import Obstacle
 
 _TRIALS = 200
 _RASTER_M = 0.025

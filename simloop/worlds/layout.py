@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from simloop.obstacles import Obstacle
+from simloop.worlds.obstacles import Obstacle
 
 Bounds = tuple[float, float, float, float]
 WALL_M = 0.2

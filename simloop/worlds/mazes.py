@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simloop.messages import FloatArray
-from simloop.obstacles import Obstacle
 from simloop.worlds.layout import WALL_M, Bounds, box
+from simloop.worlds.obstacles import Obstacle
 
 
 def maze(

@@ -19,12 +19,12 @@ from scipy.spatial import ConvexHull, QhullError
 from simloop.clutter import draw_clutter
 from simloop.common.data_files import models_dir
 from simloop.config import PayloadConfig
-from simloop.floor_plan import BAND_M, FloorPlan, Section, rasterise
-from simloop.ground import add_loose, add_movers, add_terrain
 from simloop.messages import FloatArray
 from simloop.movers.settings import Mover
-from simloop.obstacles import Obstacle, ellipse_outline
-from simloop.terrain import Loose, Terrain
+from simloop.worlds.floor_plan import BAND_M, FloorPlan, Section, rasterise
+from simloop.worlds.mjcf_ground import add_loose, add_movers, add_terrain
+from simloop.worlds.obstacles import Obstacle, ellipse_outline
+from simloop.worlds.terrain import Loose, Terrain
 
 __all__ = [
     "FloorPlan",

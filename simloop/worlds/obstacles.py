@@ -11,8 +11,8 @@ from pydantic import Field, model_validator
 from pydantic.dataclasses import dataclass
 
 from simloop.common.quantities import STRICT
-from simloop.floor_plan import Section
 from simloop.messages import FloatArray
+from simloop.worlds.floor_plan import Section
 
 Coordinate = Annotated[float, Field(ge=-1e4, le=1e4)]
 Point = tuple[Coordinate, Coordinate]

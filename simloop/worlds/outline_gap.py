@@ -6,8 +6,8 @@ import numpy as np
 
 from simloop.config import VehicleConfig
 from simloop.evaluation.shortest_path import outline_edges, segment_distances
-from simloop.floor_plan import FloorPlan
 from simloop.messages import FloatArray
+from simloop.worlds.floor_plan import FloorPlan
 
 _BATCH = 64
 

@@ -16,8 +16,8 @@ import numpy as np
 from simloop.common.errors import InputError
 from simloop.geometry.se2 import compose
 from simloop.messages import FloatArray
-from simloop.obstacles import Obstacle, ShapeName
 from simloop.worlds.layout import Bounds, Layout
+from simloop.worlds.obstacles import Obstacle, ShapeName
 
 _MOST_BYTES = 50_000_000
 _ROOM_M = 2.0  # of free floor about all that stands

@@ -17,7 +17,7 @@ from simloop.common.grey_image import read_grey
 from simloop.messages import FloatArray
 from simloop.movers.settings import Mover
 from simloop.physics.track_theory import climbable_step, climbing_angle
-from simloop.terrain import HeightField, Loose, Ramp, Step, Terrain
+from simloop.worlds.terrain import HeightField, Loose, Ramp, Step, Terrain
 
 _HULL_AND_WHEELS = 3
 _BELLY_M = 0.02
