@@ -11,7 +11,6 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from simloop.clutter import is_blocked, is_passable
 from simloop.worlds.arena import (
     arena_names,
     arena_path,
@@ -22,6 +21,7 @@ from simloop.worlds.arena import (
     section_of_geom,
 )
 from simloop.worlds.floor_plan import BAND_M, Section, rasterise
+from simloop.worlds.generators.clutter import is_blocked, is_passable
 from simloop.worlds.obstacles import Obstacle
 
 START, GOAL = np.zeros(2), np.array([3.6, 3.9])

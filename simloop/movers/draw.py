@@ -8,10 +8,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from simloop.clutter import to_walls
 from simloop.messages import FloatArray
 from simloop.movers.settings import Crowd, Mover
 from simloop.worlds.floor_plan import FloorPlan
+from simloop.worlds.generators.clutter import to_walls
 
 _TRIALS = 500
 _APART_M = 0.1

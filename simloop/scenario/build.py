@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simloop.clutter import draw_clutter, is_passable, out_of_plane
 from simloop.common.errors import InputError
 from simloop.messages import FloatArray
 from simloop.movers.draw import draw_crowd
@@ -23,7 +22,8 @@ from simloop.scenario.scenario import Scenario
 from simloop.worlds.arena import bounds_of, build, floor_plan, overlaps, sections_of
 from simloop.worlds.floor_plan import FloorPlan
 from simloop.worlds.gazebo_world import read_sdf
-from simloop.worlds.generator import draw_world
+from simloop.worlds.generators.clutter import draw_clutter, is_passable, out_of_plane
+from simloop.worlds.generators.generator import draw_world
 from simloop.worlds.layout import Layout
 from simloop.worlds.map_server_world import read_picture
 from simloop.worlds.obstacles import Obstacle

@@ -30,7 +30,7 @@ from simloop.mapping.map_files import load_map
 from simloop.movers.settings import Crowd, GoalMotion, Mover
 from simloop.physics.faults import Fault
 from simloop.scenario.catalog import arena_files, planner_names, scenario_files
-from simloop.worlds.generator import Generator
+from simloop.worlds.generators.generator import Generator
 from simloop.worlds.obstacles import Coordinate, Obstacle, Point
 from simloop.worlds.terrain import MOST_ROUGH_STEP_S, Loose, Terrain
 

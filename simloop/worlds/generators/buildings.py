@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from simloop.messages import FloatArray
+from simloop.worlds.generators.mazes import spanning_walls
 from simloop.worlds.layout import WALL_M, Bounds, box
-from simloop.worlds.mazes import spanning_walls
 from simloop.worlds.obstacles import Obstacle
 
 _JAMB_M = 0.3  # from a door to the corner of its room

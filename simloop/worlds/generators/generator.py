@@ -10,11 +10,11 @@ import numpy as np
 from pydantic import Field, model_validator
 from pydantic.dataclasses import dataclass
 
-from simloop.clutter import is_passable
 from simloop.common.quantities import STRICT, Fraction, reject
 from simloop.config import VehicleConfig
-from simloop.worlds import buildings, fields, mazes
 from simloop.worlds.floor_plan import rasterise
+from simloop.worlds.generators import buildings, fields, mazes
+from simloop.worlds.generators.clutter import is_passable
 from simloop.worlds.layout import WALL_M, Bounds, Layout, walls_about
 from simloop.worlds.obstacles import Obstacle
 
