@@ -15,13 +15,13 @@ from simloop.common.errors import InputError
 from simloop.config import VehicleConfig
 from simloop.loop import Simulation
 from simloop.messages import GoalReading, LooseTruth, MoverTracks, TrackCommand
-from simloop.movers.crowd import Crowd, MovingGoal, on_path
-from simloop.movers.draw import draw_crowd
-from simloop.movers.motion import Outline, gap_to_outline, room_at
-from simloop.movers.settings import Crowd as CrowdSettings
-from simloop.movers.settings import GoalMotion, Mover
 from simloop.scenario.scenario import load
 from simloop.worlds.floor_plan import Section, rasterise
+from simloop.worlds.movers.crowd import Crowd, MovingGoal, on_path
+from simloop.worlds.movers.draw import draw_crowd
+from simloop.worlds.movers.motion import Outline, gap_to_outline, room_at
+from simloop.worlds.movers.settings import Crowd as CrowdSettings
+from simloop.worlds.movers.settings import GoalMotion, Mover
 
 PERIOD_S = 0.01
 FLOOR = rasterise(

@@ -15,8 +15,6 @@ import numpy as np
 
 from simloop.common.errors import InputError
 from simloop.messages import FloatArray
-from simloop.movers.draw import draw_crowd
-from simloop.movers.settings import Mover
 from simloop.physics.track_model import friction_map
 from simloop.scenario.scenario import Scenario
 from simloop.worlds.arena import bounds_of, build, floor_plan, overlaps, sections_of
@@ -26,6 +24,8 @@ from simloop.worlds.generators.clutter import draw_clutter, is_passable, out_of_
 from simloop.worlds.generators.generator import draw_world
 from simloop.worlds.layout import Layout
 from simloop.worlds.map_server_world import read_picture
+from simloop.worlds.movers.draw import draw_crowd
+from simloop.worlds.movers.settings import Mover
 from simloop.worlds.obstacles import Obstacle
 from simloop.worlds.outline_gap import least_clearance
 

@@ -19,10 +19,10 @@ from scipy.spatial import ConvexHull, QhullError
 from simloop.common.data_files import models_dir
 from simloop.config import PayloadConfig
 from simloop.messages import FloatArray
-from simloop.movers.settings import Mover
 from simloop.worlds.floor_plan import BAND_M, FloorPlan, Section, rasterise
 from simloop.worlds.generators.clutter import draw_clutter
 from simloop.worlds.mjcf_ground import add_loose, add_movers, add_terrain
+from simloop.worlds.movers.settings import Mover
 from simloop.worlds.obstacles import Obstacle, ellipse_outline
 from simloop.worlds.terrain import Loose, Terrain
 

@@ -15,8 +15,8 @@ from scipy.ndimage import gaussian_filter, zoom
 
 from simloop.common.grey_image import read_grey
 from simloop.messages import FloatArray
-from simloop.movers.settings import Mover
 from simloop.physics.track_theory import climbable_step, climbing_angle
+from simloop.worlds.movers.settings import Mover
 from simloop.worlds.terrain import HeightField, Loose, Ramp, Step, Terrain
 
 _HULL_AND_WHEELS = 3

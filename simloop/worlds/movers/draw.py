@@ -9,9 +9,9 @@ from itertools import pairwise
 import numpy as np
 
 from simloop.messages import FloatArray
-from simloop.movers.settings import Crowd, Mover
 from simloop.worlds.floor_plan import FloorPlan
 from simloop.worlds.generators.clutter import to_walls
+from simloop.worlds.movers.settings import Crowd, Mover
 
 _TRIALS = 500
 _APART_M = 0.1

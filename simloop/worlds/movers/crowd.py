@@ -14,7 +14,8 @@ import numpy as np
 from simloop.config import VehicleConfig
 from simloop.geometry.se2 import wrap_angle
 from simloop.messages import FloatArray, GoalReading
-from simloop.movers.motion import (
+from simloop.worlds.floor_plan import FloorPlan
+from simloop.worlds.movers.motion import (
     CONSTANT,
     PATH,
     PEDESTRIAN,
@@ -25,8 +26,7 @@ from simloop.movers.motion import (
     advance,
     gap_to_outline,
 )
-from simloop.movers.settings import GoalMotion, Mover
-from simloop.worlds.floor_plan import FloorPlan
+from simloop.worlds.movers.settings import GoalMotion, Mover
 
 _KINDS = {"path": PATH, "constant": CONSTANT, "walk": WALK, "pedestrian": PEDESTRIAN}
 _FAR_M = 1e6
