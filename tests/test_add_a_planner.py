@@ -16,7 +16,7 @@ from simloop.config import PlannerConfig, VehicleConfig
 from simloop.planners.metaheuristics.population import Population, minimise
 from simloop.planners.metaheuristics.population_planner import PopulationPlanner
 from simloop.planners.splitmix import make_state
-from simloop.planners.standard_functions import StandardFunction
+from tests.standard_functions import StandardFunction
 
 PAGE = Path(__file__).parents[1] / "docs" / "add_a_planner.md"
 POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))

@@ -16,7 +16,7 @@ from simloop import planners
 from simloop.planners.metaheuristics import rule_tlbo
 from simloop.planners.metaheuristics.population import Population, minimise
 from simloop.planners.splitmix import make_state
-from simloop.planners.standard_functions import StandardFunction
+from tests.standard_functions import StandardFunction
 
 counterparts = pytest.importorskip("counterparts")  # mealpy, pymoo
 

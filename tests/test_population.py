@@ -13,7 +13,7 @@ from simloop.config import PlannerConfig, VehicleConfig
 from simloop.planners.metaheuristics.population import Population, minimise
 from simloop.planners.registry import make_planner
 from simloop.planners.splitmix import make_state
-from simloop.planners.standard_functions import NAMES, StandardFunction
+from tests.standard_functions import NAMES, StandardFunction
 
 POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))
 RULES = [n for n in planners.available() if hasattr(planners.load(n), "generation")]
