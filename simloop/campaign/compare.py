@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
-from simloop.benchmarks.planners.statistics import holm, wilcoxon
 from simloop.campaign.summary import FIGURES, Cell, cells_of, figure_of
 from simloop.campaign.work import Row
 from simloop.common.errors import InputError
+from simloop.evaluation.statistics import holm, wilcoxon
 
 _LEVEL = 0.05
 _MORE_IS_BETTER = ("success", "min_clearance_m")

@@ -15,7 +15,6 @@ from simloop import bench_planners, planners
 from simloop.benchmarks.loop_speed import machine
 from simloop.benchmarks.planners.jobs import make_jobs, run_jobs
 from simloop.benchmarks.planners.scenes import SCENE_NAMES
-from simloop.benchmarks.planners.statistics import compare
 from simloop.benchmarks.planners.tasks import (
     Task,
     check_scene,
@@ -35,6 +34,7 @@ from simloop.benchmarks.planners.trials import (
 from simloop.common.errors import InputError, did_you_mean
 from simloop.config import PlannerConfig
 from simloop.evaluation.metrics import versions
+from simloop.evaluation.statistics import compare
 
 LEAD = "tlbo"
 BUDGET, SEEDS, FEW, LEARNERS = 5_000, 12, 3, 100

@@ -13,9 +13,9 @@ from matplotlib.patches import Circle, Polygon, Rectangle
 
 from simloop.benchmarks.planners.bench import LEAD, Result, gaps_of, is_metaheuristic
 from simloop.benchmarks.planners.scenes import Instance
-from simloop.benchmarks.planners.statistics import convergence, ecdf
 from simloop.benchmarks.planners.weights import NAMES, Study
 from simloop.common.html_images import drawn
+from simloop.evaluation.statistics import convergence, ecdf
 
 _LEAD_COLOUR, _SAFE, _UNSAFE, _SOLID = "#c0302b", "#2b6cb0", "#d97706", "#b8bec6"
 _GRID_POINTS = 60

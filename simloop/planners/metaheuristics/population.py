@@ -197,11 +197,11 @@ class Rule:
     name: ClassVar[str] = ""
     Options: ClassVar[Any] = NoOptions
     coding: ClassVar[str] = "box"
-    """How a vector becomes a path, see `simloop.planners.metaheuristics.codings`."""
+    """How a vector becomes a path, see `codings`."""
     points: ClassVar[int] = 8
     """Inner waypoints of a path."""
     seeding: ClassVar[str] = "seeded"
-    """Where the first population comes from, see `simloop.planners.metaheuristics.population_planner.Setup`."""
+    """Where the first population comes from, see `population_planner.Setup`."""
     evaluations: ClassVar[float] = 1.0
     """Evaluations an individual a generation."""
     scheduled: ClassVar[bool] = False

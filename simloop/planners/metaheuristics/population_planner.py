@@ -28,7 +28,7 @@ _HERE_M = 1e-6
 class Setup:
     """What every rule's planner understands of ``[planner.options]``.
 
-    points: inner waypoints. coding: see `simloop.planners.metaheuristics.codings`. seeding: ``seeded`` (routes and
+    points: inner waypoints. coding: see `codings`. seeding: ``seeded`` (routes and
     bends) or ``uniform`` (as the papers print). 0 or empty: the rule's own.
     """
 

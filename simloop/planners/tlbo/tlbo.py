@@ -1,7 +1,7 @@
 """Teaching-learning-based optimisation of a class of polylines, compiled.
 
 Source: Sabiha 2022 (online TLBO), Eqs. 19-26; Rao 2011. Where this departs from print:
-- The subjects are the lines of a path's segments, not its waypoints: see `simloop.planners.tlbo.lines`.
+- The subjects are the lines of a path's segments, not its waypoints: see `lines`.
 - Positions are measured from the path that was coded, so that Eq. 21 no longer depends on where
   the map's origin happens to be (with T_f = 2 it does as printed).
 - One random factor a learner, not a subject: a step then keeps a path's shape.
