@@ -29,9 +29,10 @@ from simloop.common.errors import InputError
 from simloop.common.terminal import counting, print_table
 from simloop.evaluation.shortest_path import shortest_path
 from simloop.loop import Simulation
-from simloop.messages import Message, Truth
+from simloop.messages import Message
 from simloop.scenario.build import World, build_world
 from simloop.scenario.scenario import Scenario, apply_override, from_table
+from simloop.truth import Truth
 from simloop.worlds.gazebo_world import read_sdf
 
 _MOVED_M, _NEAR_M, _LIMIT_S = 0.1, 1.0, 100.0

@@ -9,7 +9,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from simloop.config import CameraConfig
-from simloop.messages import DepthImage, FloatArray, Truth, pixel_slopes
+from simloop.messages import DepthImage, FloatArray, pixel_slopes
+from simloop.truth import Truth
 
 
 class RayFan(Protocol):

@@ -13,7 +13,8 @@ import numpy as np
 from numba import njit
 
 from simloop.config import EncoderConfig, ImuConfig, LidarConfig
-from simloop.messages import EncoderReading, FloatArray, ImuReading, LidarScan, Truth
+from simloop.messages import EncoderReading, FloatArray, ImuReading, LidarScan
+from simloop.truth import Truth
 
 _TURN = 2.0 * math.pi
 _DRAWS = 100  # IMU readings whose noise is drawn in one go

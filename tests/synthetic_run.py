@@ -29,9 +29,9 @@ from simloop.messages import (
     PoseFix,
     SmoothPath,
     TrackCommand,
-    Truth,
     WorldView,
 )
+from simloop.truth import Truth
 from simloop.worlds.arena import floor_plan
 
 GOAL = np.array([3.6, 3.9])

@@ -7,8 +7,9 @@ import pytest
 
 from simloop import planners
 from simloop.loop import Simulation
-from simloop.messages import Plan, SmoothPath, Truth
+from simloop.messages import Plan, SmoothPath
 from simloop.scenario.scenario import load
+from simloop.truth import Truth
 
 
 def drive(scenario, planner="tlbo", *overrides, seed=1000):

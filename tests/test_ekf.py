@@ -34,11 +34,12 @@ from simloop.estimation.ekf_model import (
 )
 from simloop.geometry.se2 import wrap_angle
 from simloop.localiser import Localiser
-from simloop.messages import EncoderReading, Frames, ImuReading, PoseFix, Truth
+from simloop.messages import EncoderReading, Frames, ImuReading, PoseFix
 from simloop.physics.plant import Plant
 from simloop.scenario.build import build_world
 from simloop.scenario.scenario import load
 from simloop.sensors import Encoders, Imu, Lidar
+from simloop.truth import Truth
 
 DT = 0.01
 GAUGE_M = VehicleConfig().gauge_m

@@ -12,9 +12,10 @@ import pytest
 from simloop.common.profiler import NullProfiler, Profiler
 from simloop.config import VehicleConfig
 from simloop.evaluation.metrics import RunMetrics, versions
-from simloop.messages import Estimate, Plan, Truth
+from simloop.messages import Estimate, Plan
 from simloop.scenario.build import build_world
 from simloop.scenario.scenario import load
+from simloop.truth import Truth
 from simloop.worlds.floor_plan import Section, rasterise
 from simloop.worlds.outline_gap import clearances, least_clearance
 

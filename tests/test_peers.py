@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from simloop.benchmarks.planners import bench, statistics
+from simloop.benchmarks.planners import bench
 from simloop.benchmarks.planners.jobs import make_jobs, run_jobs
 from simloop.benchmarks.planners.judge import clearance, judge
 from simloop.benchmarks.planners.paper_scenes import paper_scene, scene_clearance
@@ -21,6 +21,7 @@ from simloop.benchmarks.planners.trials import settings as trial_settings
 from simloop.benchmarks.planners.trials import try_once
 from simloop.cli.main import app, main
 from simloop.common.errors import InputError
+from simloop.evaluation import statistics
 
 S1 = scene("S1")[0]
 

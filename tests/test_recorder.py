@@ -15,10 +15,11 @@ from synthetic_run import GOAL, OFF, SyntheticRun
 
 from simloop.estimation.dead_reckoning import compose_all
 from simloop.geometry.se2 import compose
-from simloop.messages import DepthImage, LowObstacles, MapUpdate, Plan, Truth, WorldView
+from simloop.messages import DepthImage, LowObstacles, MapUpdate, Plan, WorldView
 from simloop.recording.columns import ellipses, nees, occupancy_percent
 from simloop.recording.recorder import TIMELINE, NullRecorder, RerunRecorder
 from simloop.recording.scene_shapes import scene_bodies, scene_shapes
+from simloop.truth import Truth
 from simloop.worlds.arena import bounds_of, build
 
 MODEL = build("experiment")

@@ -15,11 +15,12 @@ from vehicles import plant_on_plane
 from simloop.control.collision_monitor import CollisionMonitor
 from simloop.geometry.se2 import about_face, wrap_angle
 from simloop.loop import Simulation
-from simloop.messages import TrackCommand, Truth
+from simloop.messages import TrackCommand
 from simloop.reversing import rear_first
 from simloop.scenario.scenario import load
 from simloop.sensors import Encoders
 from simloop.tracker import Drive
+from simloop.truth import Truth
 from simloop.worlds.outline_gap import outline_corners
 
 ORIGIN = np.zeros(3)

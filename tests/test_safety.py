@@ -17,8 +17,9 @@ from stopping import CONFIG, HALF, VEHICLE, at_arc, box, drive_blindly, gaps, in
 
 from simloop.control.collision_monitor import CollisionMonitor, allowed_part, free_fraction
 from simloop.loop import Simulation
-from simloop.messages import LidarScan, Truth
+from simloop.messages import LidarScan
 from simloop.scenario.scenario import load
+from simloop.truth import Truth
 
 LIMITS = np.array(
     [

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from simloop.config import EncoderConfig, ImuConfig, LidarConfig
-from simloop.messages import Truth
 from simloop.sensors import Encoders, Imu, Lidar, beam_rays
+from simloop.truth import Truth
 
 
 def truth_at(t_s=0.0, pose=(0.0, 0.0, 0.0), sprocket=(0.0, 0.0), rates=(0.0,) * 6) -> Truth:

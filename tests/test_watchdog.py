@@ -11,8 +11,9 @@ from simloop.config import RatesConfig, TrackerConfig, WatchdogConfig
 from simloop.control.watchdog import DEAF, LATE, NO_BELTS, OLD_PATH, StandingCounts, Watchdog
 from simloop.estimation.health import LEFT_BELT, NO_COUNTS, NO_IMU, RIGHT_BELT
 from simloop.loop import Simulation
-from simloop.messages import EncoderReading, Event, Plan, TrackCommand, Truth
+from simloop.messages import EncoderReading, Event, Plan, TrackCommand
 from simloop.scenario.scenario import load
+from simloop.truth import Truth
 
 RATES, TRACKER, CONFIG = RatesConfig(), TrackerConfig(), WatchdogConfig()
 TICK_NS = 10_000_000

@@ -16,9 +16,10 @@ import numpy as np
 from simloop.benchmarks.slam_courses import Course
 from simloop.config import Config
 from simloop.geometry.se2 import wrap_angle
-from simloop.messages import EncoderReading, FloatArray, LidarScan, Truth
+from simloop.messages import EncoderReading, FloatArray, LidarScan
 from simloop.physics.plant import Plant
 from simloop.sensors import Encoders, Imu, Lidar
+from simloop.truth import Truth
 from simloop.worlds.arena import build, floor_plan
 from simloop.worlds.floor_plan import FloorPlan
 

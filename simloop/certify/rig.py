@@ -23,9 +23,10 @@ from simloop.config import (
     TracksConfig,
     VehicleConfig,
 )
-from simloop.messages import FloatArray, Truth
+from simloop.messages import FloatArray
 from simloop.physics import track_theory as theory
 from simloop.physics.plant import Plant
+from simloop.truth import Truth
 from simloop.worlds.arena import add_payload
 
 GRAVITY_MPS2 = 9.81

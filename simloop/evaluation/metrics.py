@@ -19,8 +19,9 @@ from simloop import __version__
 from simloop.evaluation.health_account import account
 from simloop.evaluation.shortest_path import shortest_path
 from simloop.geometry.se2 import wrap_angles
-from simloop.messages import Estimate, FloatArray, Health, Plan, TrackTruth, Truth
+from simloop.messages import Estimate, FloatArray, Health, Plan
 from simloop.scenario.scenario import Scenario
+from simloop.truth import TrackTruth, Truth
 from simloop.worlds.floor_plan import FloorPlan
 from simloop.worlds.outline_gap import least_clearance
 

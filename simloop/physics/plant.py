@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from simloop.config import Config
-from simloop.messages import FloatArray, LooseTruth, TrackTruth, Truth
+from simloop.messages import FloatArray
 from simloop.physics.track_kernel import apply_tracks, settle_account
 from simloop.physics.track_model import (
     BodyArrays,
@@ -39,6 +39,7 @@ from simloop.physics.truth_kernels import (
     motion_now,
 )
 from simloop.physics.vehicle_geoms import geom_kinds, road_wheels
+from simloop.truth import LooseTruth, TrackTruth, Truth
 from simloop.worlds.arena import SEEN_GROUPS, is_free
 from simloop.worlds.mjcf_ground import ground_height
 

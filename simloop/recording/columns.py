@@ -8,17 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simloop.messages import (
-    Estimate,
-    FloatArray,
-    Health,
-    Plan,
-    PoseFix,
-    SmoothPath,
-    TrackCommand,
-    TrackTruth,
-    Truth,
-)
+from simloop.messages import Estimate, FloatArray, Health, Plan, PoseFix, SmoothPath, TrackCommand
+from simloop.truth import TrackTruth, Truth
 
 _HEALTH = {"ok": 0.0, "degraded": 1.0, "lost": 2.0}
 _CHI2_95_2DOF = 5.991

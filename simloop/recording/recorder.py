@@ -29,7 +29,6 @@ from simloop.messages import (
     Frames,
     GoalReading,
     LidarScan,
-    LooseTruth,
     LowObstacles,
     MapUpdate,
     Message,
@@ -37,7 +36,6 @@ from simloop.messages import (
     Plan,
     SmoothPath,
     TrackCommand,
-    Truth,
     WorldView,
 )
 from simloop.recording.blueprint import make_blueprint
@@ -53,6 +51,7 @@ from simloop.recording.columns import (
 from simloop.recording.images import depth_columns, occupancy, pinhole
 from simloop.recording.scene_log import BASE, CAMERA, MAP, ODOM, log_scene
 from simloop.recording.shapes import Body, Shape
+from simloop.truth import LooseTruth, Truth
 
 TIMELINE = "sim_time"
 _FLUSH_NS = 1_000_000_000

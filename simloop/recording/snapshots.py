@@ -26,16 +26,15 @@ from simloop.messages import (
     FloatArray,
     GoalReading,
     LidarScan,
-    LooseTruth,
     MapUpdate,
     Message,
     Plan,
     SmoothPath,
     TrackCommand,
-    Truth,
     WorldView,
 )
 from simloop.recording.belief_picture import PAPER, Belief, Image, PlannerView, write_text
+from simloop.truth import LooseTruth, Truth
 from simloop.worlds.arena import bounds_of
 
 _log = logging.getLogger(__name__)

@@ -7,7 +7,7 @@ usual values) and ``generation(population)``. That method calls one compiled ker
 own, which reads ``population.x`` (n, d) and ``population.cost`` (n,) and writes
 ``population.candidate`` (n, d); then it calls ``population.offer()`` (greedy: each candidate
 replaces its own parent if better) or ``population.replace()`` (generational). All else is done
-here and by `simloop.planners.metaheuristics.population_planner`: drawing, bounds, evaluating, budget, history.
+here and by `population_planner`: drawing, bounds, evaluating, budget, history.
 Add the rule's name and a line about it to ``simloop/planners/__init__.py``.
 
 The budget counts evaluations of a whole candidate and is never exceeded; what it no longer covers
