@@ -7,14 +7,14 @@ moves. Each owns its random generator; none keeps more of the truth than its own
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from simloop.config import EncoderConfig, ImuConfig, LidarConfig
 from simloop.messages import EncoderReading, FloatArray, ImuReading, LidarScan
-from simloop.truth import Truth
+from simloop.truth import RayCaster, Truth
 
 _TURN = 2.0 * math.pi
 _DRAWS = 100  # IMU readings whose noise is drawn in one go
@@ -73,14 +73,6 @@ class Imu:
         )
         errors = self._biases[1:] + self._noise * drawn[:, 1]
         self._errors, self._drawn = errors.reshape(_DRAWS, 2, 3), 0
-
-
-class RayCaster(Protocol):
-    """What a LiDAR needs of the world."""
-
-    def cast(self, origins_m: FloatArray, directions: FloatArray, cutoff_m: float) -> FloatArray:
-        """Ranges (n,) along unit ``directions`` (n, 3) from ``origins_m`` (n, 3); -1: nothing."""
-        ...
 
 
 class _Part(NamedTuple):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 from simloop.messages import FloatArray, _Message
 
@@ -68,3 +69,11 @@ class LooseTruth(_Message):
     bodies: tuple[str, ...]
     position_m: FloatArray
     quaternion_wxyz: FloatArray
+
+
+class RayCaster(Protocol):
+    """What a LiDAR needs of the world."""
+
+    def cast(self, origins_m: FloatArray, directions: FloatArray, cutoff_m: float) -> FloatArray:
+        """Ranges (n,) along unit ``directions`` (n, 3) from ``origins_m`` (n, 3); -1: nothing."""
+        ...

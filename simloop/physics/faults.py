@@ -17,8 +17,7 @@ from pydantic.dataclasses import dataclass
 
 from simloop.common.quantities import STRICT, has_area
 from simloop.messages import DepthImage, EncoderReading, FloatArray, ImuReading, LidarScan
-from simloop.sensors import RayCaster
-from simloop.truth import Truth
+from simloop.truth import RayCaster, Truth
 from simloop.worlds.obstacles import Coordinate, Point
 
 Seconds = Annotated[float, Field(ge=0.0, le=1e6)]
