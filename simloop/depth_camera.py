@@ -3,22 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from simloop.config import CameraConfig
 from simloop.messages import DepthImage, FloatArray, pixel_slopes
-from simloop.truth import Truth
-
-
-class RayFan(Protocol):
-    """What a camera needs of the world."""
-
-    def look(self, origin_m: FloatArray, directions: FloatArray, cutoff_m: float) -> FloatArray:
-        """Ranges (n,) along unit ``directions`` (n, 3) from ``origin_m`` (3,); -1: nothing."""
-        ...
+from simloop.truth import RayFan, Truth
 
 
 class DepthCamera:

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from simloop.common.profiler import Profiler
-from simloop.depth_camera import DepthCamera, RayFan
+from simloop.depth_camera import DepthCamera
 from simloop.evaluation.metrics import RunMetrics
 from simloop.messages import DepthImage, GoalReading, LidarScan, Message
 from simloop.physics.faults import Faults
@@ -21,7 +21,7 @@ from simloop.robot import Mission, Robot
 from simloop.scenario.build import World, build_world
 from simloop.scenario.scenario import Scenario
 from simloop.sensors import Encoders, Imu, Lidar
-from simloop.truth import Truth
+from simloop.truth import RayFan, Truth
 from simloop.worlds.movers.crowd import Crowd, MovingGoal
 
 _STILL_MPS = 0.01

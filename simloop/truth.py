@@ -77,3 +77,11 @@ class RayCaster(Protocol):
     def cast(self, origins_m: FloatArray, directions: FloatArray, cutoff_m: float) -> FloatArray:
         """Ranges (n,) along unit ``directions`` (n, 3) from ``origins_m`` (n, 3); -1: nothing."""
         ...
+
+
+class RayFan(Protocol):
+    """What a camera needs of the world."""
+
+    def look(self, origin_m: FloatArray, directions: FloatArray, cutoff_m: float) -> FloatArray:
+        """Ranges (n,) along unit ``directions`` (n, 3) from ``origin_m`` (3,); -1: nothing."""
+        ...
