@@ -16,6 +16,12 @@ from numpy.typing import NDArray
 
 from simloop.truth import LooseTruth, TrackTruth, Truth
 
+LEFT_BELT, RIGHT_BELT = "left belt not heard", "right belt not heard"
+GYRO, NO_IMU, NO_COUNTS = "gyro's bias jumped", "no imu readings", "no encoder counts"
+SHOVED, NO_SCANS = "moved by something else", "no scans"
+NOTHING_SEEN, MISFIT, LOST = "nothing in sight", "scans do not fit", "lost"
+
+
 FloatArray = NDArray[np.float64]
 
 

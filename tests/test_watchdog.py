@@ -9,9 +9,17 @@ from hypothesis import strategies as st
 
 from simloop.config import RatesConfig, TrackerConfig, WatchdogConfig
 from simloop.control.watchdog import DEAF, LATE, NO_BELTS, OLD_PATH, StandingCounts, Watchdog
-from simloop.estimation.health import LEFT_BELT, NO_COUNTS, NO_IMU, RIGHT_BELT
 from simloop.loop import Simulation
-from simloop.messages import EncoderReading, Event, Plan, TrackCommand
+from simloop.messages import (
+    LEFT_BELT,
+    NO_COUNTS,
+    NO_IMU,
+    RIGHT_BELT,
+    EncoderReading,
+    Event,
+    Plan,
+    TrackCommand,
+)
 from simloop.scenario.scenario import load
 from simloop.truth import Truth
 

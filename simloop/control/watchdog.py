@@ -9,8 +9,15 @@ belts' counts, without which speed is not measured. It goes on when all is fresh
 from __future__ import annotations
 
 from simloop.config import RatesConfig, TrackerConfig, WatchdogConfig
-from simloop.estimation.health import LEFT_BELT, NO_COUNTS, NO_IMU, RIGHT_BELT
-from simloop.messages import EncoderReading, Event, FloatArray
+from simloop.messages import (
+    LEFT_BELT,
+    NO_COUNTS,
+    NO_IMU,
+    RIGHT_BELT,
+    EncoderReading,
+    Event,
+    FloatArray,
+)
 
 OLD_PATH = "no new path from the planner"
 DEAF = "neither counts nor imu readings"

@@ -10,12 +10,17 @@ from __future__ import annotations
 
 from collections import deque
 
-from simloop.messages import Health
-
-LEFT_BELT, RIGHT_BELT = "left belt not heard", "right belt not heard"
-GYRO, NO_IMU, NO_COUNTS = "gyro's bias jumped", "no imu readings", "no encoder counts"
-SHOVED, NO_SCANS = "moved by something else", "no scans"
-NOTHING_SEEN, MISFIT, LOST = "nothing in sight", "scans do not fit", "lost"
+from simloop.messages import (
+    LEFT_BELT,
+    LOST,
+    MISFIT,
+    NO_COUNTS,
+    NO_IMU,
+    NO_SCANS,
+    NOTHING_SEEN,
+    RIGHT_BELT,
+    Health,
+)
 
 _HOLD_NS = 500_000_000
 _HALTING = {NO_SCANS, LOST}
