@@ -31,7 +31,7 @@ from simloop.cli.common import (
 from simloop.common.errors import InputError
 
 if TYPE_CHECKING:
-    from simloop.common.files import Outputs
+    from simloop.cli.outputs import Outputs
     from simloop.loop import RunResult, Simulation
     from simloop.scenario.build import World
     from simloop.scenario.scenario import Scenario
@@ -138,7 +138,7 @@ def run_scenario(
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
 ) -> int:
     """Run a scenario: exit code 0 if the goal is reached, 1 if the robot fails."""
-    from simloop.common.files import choose
+    from simloop.cli.outputs import choose
     from simloop.scenario.scenario import load, resolve
 
     wanted = load(scenario, overrides or (), seed=seed, planner=planner)
