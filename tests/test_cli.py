@@ -15,9 +15,10 @@ from rich.console import Console
 
 from simloop import __version__
 from simloop.cli.outputs import choose
+from simloop.cli.tables import print_result
 from simloop.common.errors import InputError
 from simloop.common.files import check_directory, check_file, write_text
-from simloop.common.terminal import compiling, print_result, print_table, progress_bar
+from simloop.common.terminal import compiling, print_table, progress_bar
 
 SHORT = ("--set", "goal=[0.5, 0.0]")
 

@@ -175,8 +175,9 @@ def certify(
     """Track physics against closed forms: exit code 0 if every check holds, 1 if not."""
     from simloop import certify as certificate
     from simloop.benchmarks.loop_speed import machine
+    from simloop.cli.tables import print_certificate
     from simloop.common.errors import did_you_mean
-    from simloop.common.terminal import checking, print_certificate
+    from simloop.common.terminal import checking
     from simloop.evaluation.metrics import versions
 
     for name in only or ():
@@ -261,7 +262,7 @@ def _build(scenario: Scenario) -> World:
 
 
 def _print_result(console: Console, metrics: dict[str, Any], outputs: Outputs) -> None:
-    from simloop.common.terminal import print_result
+    from simloop.cli.tables import print_result
 
     print_result(console, metrics)
     places = (
