@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from simloop.common.files import write_bytes, write_text
+from simloop.common.map_server import FREE_BELOW, OCCUPIED_ABOVE
 from simloop.mapping.grid_map import GridMap
-from simloop.mapping.map_files import FREE_BELOW, OCCUPIED_ABOVE
 
 OCCUPIED, UNKNOWN, FREE = 0, 205, 254
 

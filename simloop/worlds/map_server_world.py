@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simloop.common.errors import InputError
-from simloop.mapping.map_files import read_cells
+from simloop.common.map_server import read_cells
 from simloop.worlds.layout import Layout, box
 
 _MOST_BOXES = 5000
