@@ -7,6 +7,10 @@ from typing import Annotated
 from pydantic import ConfigDict, Field
 from pydantic_core import PydanticCustomError
 
+Coordinate = Annotated[float, Field(ge=-1e4, le=1e4)]
+Point = tuple[Coordinate, Coordinate]
+
+
 STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 # Wide enough for whatever may be meant, and narrow enough that nothing overflows or never ends.

@@ -15,10 +15,9 @@ import numpy as np
 from pydantic import Field, model_validator
 from pydantic.dataclasses import dataclass
 
-from simloop.common.quantities import STRICT, has_area
+from simloop.common.quantities import STRICT, Coordinate, Point, has_area
 from simloop.messages import DepthImage, EncoderReading, FloatArray, ImuReading, LidarScan
 from simloop.truth import RayCaster, Truth
-from simloop.worlds.obstacles import Coordinate, Point
 
 Seconds = Annotated[float, Field(ge=0.0, le=1e6)]
 Kind = Literal[

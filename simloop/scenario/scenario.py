@@ -24,14 +24,22 @@ from pydantic_core import ErrorDetails
 
 from simloop import planners
 from simloop.common.errors import InputError, did_you_mean
-from simloop.common.quantities import STRICT, Fraction, Positive, has_area, reject
+from simloop.common.quantities import (
+    STRICT,
+    Coordinate,
+    Fraction,
+    Point,
+    Positive,
+    has_area,
+    reject,
+)
 from simloop.config import Config, TracksConfig
 from simloop.mapping.map_files import load_map
 from simloop.physics.faults import Fault
 from simloop.scenario.catalog import arena_files, planner_names, scenario_files
 from simloop.worlds.generators.generator import Generator
 from simloop.worlds.movers.settings import Crowd, GoalMotion, Mover
-from simloop.worlds.obstacles import Coordinate, Obstacle, Point
+from simloop.worlds.obstacles import Obstacle
 from simloop.worlds.terrain import MOST_ROUGH_STEP_S, Loose, Terrain
 
 _BARE_WORD = re.compile(r"[A-Za-z_./][A-Za-z0-9_\-./]*\Z")

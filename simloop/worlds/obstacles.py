@@ -10,12 +10,10 @@ import numpy as np
 from pydantic import Field, model_validator
 from pydantic.dataclasses import dataclass
 
-from simloop.common.quantities import STRICT
+from simloop.common.quantities import STRICT, Point
 from simloop.messages import FloatArray
 from simloop.worlds.floor_plan import Section
 
-Coordinate = Annotated[float, Field(ge=-1e4, le=1e4)]
-Point = tuple[Coordinate, Coordinate]
 ShapeName = Literal["box", "cylinder", "ellipse", "ell", "polygon"]
 Length = Annotated[float, Field(gt=0.0, le=1e3)]
 

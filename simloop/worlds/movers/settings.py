@@ -8,8 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 from pydantic.dataclasses import dataclass
 
-from simloop.common.quantities import STRICT
-from simloop.worlds.obstacles import Coordinate, Point
+from simloop.common.quantities import STRICT, Coordinate, Point
 
 Motion = Literal["path", "constant", "walk", "pedestrian"]
 Diameter = Annotated[float, Field(ge=0.05, le=5.0)]
