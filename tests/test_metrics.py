@@ -11,7 +11,8 @@ import pytest
 
 from simloop.common.profiler import NullProfiler, Profiler
 from simloop.config import VehicleConfig
-from simloop.evaluation.metrics import RunMetrics, versions
+from simloop.evaluation.metrics import RunMetrics
+from simloop.evaluation.provenance import versions
 from simloop.messages import Estimate, Plan
 from simloop.scenario.build import build_world
 from simloop.scenario.scenario import load

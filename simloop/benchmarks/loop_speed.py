@@ -20,7 +20,7 @@ from rich.console import Console
 
 from simloop.common.profiler import Profiler
 from simloop.common.terminal import print_table
-from simloop.evaluation.metrics import versions
+from simloop.evaluation.provenance import versions
 from simloop.loop import Simulation
 from simloop.messages import FloatArray, Message, TrackCommand
 from simloop.physics.plant import Plant

@@ -21,7 +21,7 @@ from simloop.benchmarks.slam_drive import Drive, drive
 from simloop.common.compile_listener import Report, silent
 from simloop.common.errors import InputError, did_you_mean
 from simloop.common.terminal import print_table
-from simloop.evaluation.metrics import versions
+from simloop.evaluation.provenance import versions
 from simloop.geometry.se2 import between, compose, wrap_angle
 from simloop.graph_slam.mapper import GraphMapper
 from simloop.graph_slam.settings import MappingConfig

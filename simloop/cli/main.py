@@ -178,7 +178,7 @@ def certify(
     from simloop.cli.tables import print_certificate
     from simloop.common.errors import did_you_mean
     from simloop.common.terminal import checking
-    from simloop.evaluation.metrics import versions
+    from simloop.evaluation.provenance import versions
 
     for name in only or ():
         if name not in certificate.families():
@@ -199,8 +199,8 @@ class _Watch:
     """A simulation, and whoever keeps something of it: the recording is closed in any case."""
 
     def __init__(self, scenario: Scenario, world: World, outputs: Outputs) -> None:
-        from simloop.evaluation.metrics import versions
         from simloop.evaluation.plan_gap import PlanLog
+        from simloop.evaluation.provenance import versions
         from simloop.loop import Simulation
         from simloop.recording.listeners import recorder_for, snapshots_for
 

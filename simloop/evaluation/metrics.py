@@ -7,16 +7,14 @@ message); all arithmetic, the shortest path included, comes after it.
 from __future__ import annotations
 
 import math
-import platform
 from collections.abc import Sequence
 from functools import lru_cache
-from importlib import metadata
 from typing import Any, Literal
 
 import numpy as np
 
-from simloop import __version__
 from simloop.evaluation.health_account import account
+from simloop.evaluation.provenance import versions
 from simloop.evaluation.shortest_path import shortest_path
 from simloop.geometry.se2 import wrap_angles
 from simloop.messages import Estimate, FloatArray, Health, Plan
@@ -28,15 +26,6 @@ from simloop.worlds.outline_gap import least_clearance
 Outcome = Literal["reached", "collision", "timeout", "stuck"]
 
 _NEES_PERIOD_NS = 100_000_000
-_PACKAGES = (
-    "mujoco",
-    "numpy",
-    "numba",
-    "scipy",
-    "filterpy",
-    "opencv-python-headless",
-    "rerun-sdk",
-)
 
 
 class RunMetrics:
@@ -200,14 +189,3 @@ def _at(t_ns: FloatArray, true_ns: FloatArray, poses: FloatArray) -> FloatArray:
     """Poses (N, 3) at other instants (M,), linearly between neighbours; yaw unwrapped."""
     x, y, yaw = poses[:, 0], poses[:, 1], np.unwrap(poses[:, 2])
     return np.stack([np.interp(t_ns, true_ns, column) for column in (x, y, yaw)], axis=1)
-
-
-def versions() -> dict[str, str]:
-    """Of Python and of every package that can change a run."""
-    found = {"simloop": __version__, "python": platform.python_version()}
-    for package in _PACKAGES:
-        try:
-            found[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:
-            found[package] = "not installed"
-    return found

@@ -17,7 +17,7 @@ from simloop.common.errors import InputError
 from simloop.common.files import check_directory, check_file, write_text
 from simloop.common.profiler import Profiler
 from simloop.common.terminal import print_table
-from simloop.evaluation.metrics import versions
+from simloop.evaluation.provenance import versions
 from simloop.graph_slam.map_localiser import Localiser
 from simloop.graph_slam.mapper import GraphMapper
 from simloop.graph_slam.settings import MappingConfig

@@ -33,7 +33,7 @@ from simloop.benchmarks.planners.trials import (
 )
 from simloop.common.errors import InputError, did_you_mean
 from simloop.config import PlannerConfig
-from simloop.evaluation.metrics import versions
+from simloop.evaluation.provenance import versions
 from simloop.evaluation.statistics import compare
 
 LEAD = "tlbo"
