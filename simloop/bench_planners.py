@@ -17,11 +17,10 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
-from simloop.benchmarks.loop_speed import machine
 from simloop.benchmarks.planners.scenes import SCENE_NAMES, Instance, scene, true_clearance
 from simloop.common.terminal import print_table
 from simloop.config import PlannerConfig, VehicleConfig
-from simloop.evaluation.provenance import versions
+from simloop.evaluation.provenance import machine, versions
 from simloop.messages import FloatArray
 from simloop.planners.problem.clearance import SAFE_WITHIN_M
 from simloop.planners.reference.exact import exact_path

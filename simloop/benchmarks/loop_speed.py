@@ -7,8 +7,6 @@ make it slower. Nothing here is ever used in a decision.
 from __future__ import annotations
 
 import gc
-import os
-import platform
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -20,7 +18,7 @@ from rich.console import Console
 
 from simloop.common.profiler import Profiler
 from simloop.common.terminal import print_table
-from simloop.evaluation.provenance import versions
+from simloop.evaluation.provenance import machine, versions
 from simloop.loop import Simulation
 from simloop.messages import FloatArray, Message, TrackCommand
 from simloop.physics.plant import Plant
@@ -88,19 +86,6 @@ def print_figures(console: Console, figures: dict[str, Any]) -> None:
         for stage, at in stages
     ]  # fmt: skip
     print_table(console, "", ["stage", "mean ms", "worst ms", "share", "calls"], rows)
-
-
-def machine() -> dict[str, Any]:
-    """What the figures were measured on."""
-    return {"cpu": _cpu_name(), "cores": os.cpu_count(), "platform": platform.platform(terse=True)}
-
-
-def _cpu_name() -> str:
-    try:
-        import cpuinfo
-    except ImportError:
-        return platform.processor() or platform.machine()
-    return str(cpuinfo.get_cpu_info().get("brand_raw") or platform.machine())
 
 
 def _closed_loop(scenario: Scenario, world: World) -> dict[str, Any]:

@@ -15,13 +15,12 @@ import numpy as np
 from rich.console import Console
 from scipy.stats import chi2
 
-from simloop.benchmarks.loop_speed import machine
 from simloop.benchmarks.slam_courses import COURSES
 from simloop.benchmarks.slam_drive import Drive, drive
 from simloop.common.compile_listener import Report, silent
 from simloop.common.errors import InputError, did_you_mean
 from simloop.common.terminal import print_table
-from simloop.evaluation.provenance import versions
+from simloop.evaluation.provenance import machine, versions
 from simloop.geometry.se2 import between, compose, wrap_angle
 from simloop.graph_slam.mapper import GraphMapper
 from simloop.graph_slam.settings import MappingConfig

@@ -174,11 +174,10 @@ def certify(
 ) -> int:
     """Track physics against closed forms: exit code 0 if every check holds, 1 if not."""
     from simloop import certify as certificate
-    from simloop.benchmarks.loop_speed import machine
     from simloop.cli.tables import print_certificate
     from simloop.common.errors import did_you_mean
     from simloop.common.terminal import checking
-    from simloop.evaluation.provenance import versions
+    from simloop.evaluation.provenance import machine, versions
 
     for name in only or ():
         if name not in certificate.families():

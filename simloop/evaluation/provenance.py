@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import platform
 from importlib import metadata
+from typing import Any
 
 from simloop import __version__
 
@@ -27,3 +29,16 @@ def versions() -> dict[str, str]:
         except metadata.PackageNotFoundError:
             found[package] = "not installed"
     return found
+
+
+def machine() -> dict[str, Any]:
+    """What the figures were measured on."""
+    return {"cpu": _cpu_name(), "cores": os.cpu_count(), "platform": platform.platform(terse=True)}
+
+
+def _cpu_name() -> str:
+    try:
+        import cpuinfo
+    except ImportError:
+        return platform.processor() or platform.machine()
+    return str(cpuinfo.get_cpu_info().get("brand_raw") or platform.machine())

@@ -12,7 +12,6 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from simloop import bench_planners, planners
-from simloop.benchmarks.loop_speed import machine
 from simloop.benchmarks.planners.jobs import make_jobs, run_jobs
 from simloop.benchmarks.planners.scenes import SCENE_NAMES
 from simloop.benchmarks.planners.tasks import (
@@ -33,7 +32,7 @@ from simloop.benchmarks.planners.trials import (
 )
 from simloop.common.errors import InputError, did_you_mean
 from simloop.config import PlannerConfig
-from simloop.evaluation.provenance import versions
+from simloop.evaluation.provenance import machine, versions
 from simloop.evaluation.statistics import compare
 
 LEAD = "tlbo"
