@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 from synthetic_run import GOAL, OFF, SyntheticRun
 
-from simloop.estimation.dead_reckoning import compose_all
-from simloop.geometry.se2 import compose
+from simloop.geometry.se2 import compose, compose_all
 from simloop.messages import DepthImage, LowObstacles, MapUpdate, Plan, WorldView
 from simloop.recording.columns import ellipses, nees, occupancy_percent
 from simloop.recording.recorder import TIMELINE, NullRecorder, RerunRecorder

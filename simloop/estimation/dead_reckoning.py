@@ -15,7 +15,7 @@ from numba import njit
 
 from simloop.config import EncoderConfig, VehicleConfig
 from simloop.estimation.ekf_model import GAUGE, ICR_X, OFFSET, RATE, SPEED
-from simloop.geometry.se2 import compose_xyt, inverse_xyt, wrap_angle, wrap_angles
+from simloop.geometry.se2 import compose_xyt, inverse_xyt, wrap_angle
 from simloop.messages import EncoderReading, Estimate, FloatArray, Frames
 
 
@@ -96,13 +96,3 @@ class DeadReckoning:
             self.odom_from_base, self.by_wheels, estimate.state
         )
         return Frames(estimate.t_ns, odom, map_from_odom, wheels)
-
-
-def compose_all(a_from_b: FloatArray, b_from_c: FloatArray) -> FloatArray:
-    """a_from_c, (N, 3), of poses (N, 3) or (3,), yaw wrapped."""
-    cos, sin = np.cos(a_from_b[..., 2]), np.sin(a_from_b[..., 2])
-    x, y = b_from_c[..., 0], b_from_c[..., 1]
-    yaw = wrap_angles(a_from_b[..., 2] + b_from_c[..., 2])
-    return np.stack(
-        [a_from_b[..., 0] + cos * x - sin * y, a_from_b[..., 1] + sin * x + cos * y, yaw], axis=-1
-    )

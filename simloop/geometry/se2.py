@@ -102,3 +102,13 @@ def transform_points(a_from_b: FloatArray, points: FloatArray) -> FloatArray:
 def about_face(pose: FloatArray) -> FloatArray:
     """The pose (3,) of whoever stands at ``pose`` (3+) and takes the rear for the front."""
     return np.array([pose[0], pose[1], wrap_angle(pose[2] + math.pi)])
+
+
+def compose_all(a_from_b: FloatArray, b_from_c: FloatArray) -> FloatArray:
+    """a_from_c, (N, 3), of poses (N, 3) or (3,), yaw wrapped."""
+    cos, sin = np.cos(a_from_b[..., 2]), np.sin(a_from_b[..., 2])
+    x, y = b_from_c[..., 0], b_from_c[..., 1]
+    yaw = wrap_angles(a_from_b[..., 2] + b_from_c[..., 2])
+    return np.stack(
+        [a_from_b[..., 0] + cos * x - sin * y, a_from_b[..., 1] + sin * x + cos * y, yaw], axis=-1
+    )

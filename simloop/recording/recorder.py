@@ -18,9 +18,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from simloop.config import VehicleConfig
-from simloop.estimation.dead_reckoning import compose_all
 from simloop.evaluation.plan_gap import PlanRecord
-from simloop.geometry.se2 import wrap_angles
+from simloop.geometry.se2 import compose_all, wrap_angles
 from simloop.messages import (
     DepthImage,
     Estimate,
