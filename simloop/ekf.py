@@ -33,10 +33,10 @@ from simloop.estimation.ekf_model import (
     STATES,
     YAW,
     predict_and_correct,
-    squared_mahalanobis,
     with_pose_error,
 )
 from simloop.geometry.se2 import wrap_angle
+from simloop.geometry.small_matrices import squared_mahalanobis
 from simloop.messages import EncoderReading, Estimate, FloatArray, ImuReading, PoseFix
 
 __all__ = ["GAUGE", "ICR_X", "OFFSET", "Ekf", "PeriodicEkf"]

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simloop.config import SlamConfig, VehicleConfig
-from simloop.estimation.ekf_model import inverse_3
 from simloop.geometry.discs import discs_of, on_discs
 from simloop.geometry.se2 import transform_points
+from simloop.geometry.small_matrices import inverse_3
 from simloop.mapping.grid_map import NOWHERE_M, GridMap
 from simloop.mapping.map_files import load_map
 from simloop.mapping.scan_match import deskew

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simloop.estimation.ekf_model import inverse_3
 from simloop.geometry.se2 import compose, wrap_angle
+from simloop.geometry.small_matrices import inverse_3
 from simloop.graph_slam.settings import MappingConfig
 from simloop.mapping.correlative import thinned
 from simloop.mapping.grid_map import GridMap
