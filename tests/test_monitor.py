@@ -12,14 +12,9 @@ from hypothesis import strategies as st
 from vehicles import plant_on_plane
 
 from simloop.config import EncoderConfig, MotorConfig, TrackerConfig, VehicleConfig
-from simloop.control.collision_monitor import (
-    CollisionMonitor,
-    free_fraction,
-    points_in,
-    rectangle_distance,
-    steadied,
-)
+from simloop.control.collision_monitor import CollisionMonitor, steadied
 from simloop.ekf import GAUGE
+from simloop.geometry.footprint import free_fraction, points_in, rectangle_distance
 from simloop.messages import Estimate
 from simloop.sensors import Encoders
 from simloop.tracker import Drive

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from simloop.config import TrackerConfig, VehicleConfig
-from simloop.control.collision_monitor import CollisionMonitor, room_after
+from simloop.control.collision_monitor import CollisionMonitor
 from simloop.control.recovery import MOST_RECOVERIES, Recovery
 from simloop.ekf import GAUGE
+from simloop.geometry.footprint import room_after
 from simloop.loop import Simulation
 from simloop.messages import Estimate, Event
 from simloop.scenario.scenario import load

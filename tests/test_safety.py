@@ -15,7 +15,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from stopping import CONFIG, HALF, VEHICLE, at_arc, box, drive_blindly, gaps, in_frame, samples
 
-from simloop.control.collision_monitor import CollisionMonitor, allowed_part, free_fraction
+from simloop.control.collision_monitor import CollisionMonitor, allowed_part
+from simloop.geometry.footprint import free_fraction
 from simloop.loop import Simulation
 from simloop.messages import LidarScan
 from simloop.scenario.scenario import load

@@ -13,12 +13,8 @@ import numpy as np
 from numba import njit
 
 from simloop.config import TrackerConfig, VehicleConfig
-from simloop.control.collision_monitor import (
-    CollisionMonitor,
-    arc_end,
-    rectangle_distance,
-    stopping_limits,
-)
+from simloop.control.collision_monitor import CollisionMonitor, stopping_limits
+from simloop.geometry.footprint import arc_end, rectangle_distance
 from simloop.messages import FloatArray, MoverTracks
 
 _STEP_S = 0.05

@@ -1,0 +1,172 @@
+"""The rectangular footprint among points: distances and free arcs."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from simloop.messages import FloatArray
+
+_STEP_M = 0.02
+_STEP_RAD = 0.04
+_FINER = 20  # steps for one, where a corner could else pass a point unseen
+_HALVINGS = 4
+
+
+@njit(cache=True)
+def rectangle_distance(x: float, y: float, half_length: float, half_width: float) -> float:
+    """Signed distance, m, from the point (x, y) to a rectangle about the origin; < 0 inside."""
+    dx, dy = abs(x) - half_length, abs(y) - half_width
+    return math.hypot(max(dx, 0.0), max(dy, 0.0)) + min(max(dx, dy), 0.0)
+
+
+@njit(cache=True)
+def arc_end(ahead: float, turned: float) -> tuple[float, float]:
+    """x, y, m, after an arc ``ahead`` m long and ``turned`` rad round, from the origin along x."""
+    if abs(turned) > 1e-9:
+        return ahead / turned * math.sin(turned), ahead / turned * (1.0 - math.cos(turned))
+    return ahead, 0.0
+
+
+@njit(cache=True)
+def points_in(pose: FloatArray, seen_from: FloatArray, points: FloatArray) -> FloatArray:
+    """(n, 2) points given in the frame ``seen_from`` (3,), expressed in the frame ``pose`` (3,)."""
+    out = np.empty_like(points)
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    dx, dy = seen_from[0] - pose[0], seen_from[1] - pose[1]
+    x, y = cos * dx + sin * dy, cos * dy - sin * dx
+    cos, sin = math.cos(seen_from[2] - pose[2]), math.sin(seen_from[2] - pose[2])
+    for i in range(points.shape[0]):
+        out[i, 0] = x + cos * points[i, 0] - sin * points[i, 1]
+        out[i, 1] = y + sin * points[i, 0] + cos * points[i, 1]
+    return out
+
+
+@njit(cache=True)
+def nearer_than(points: FloatArray, reach: float) -> FloatArray:
+    """(k, 2) of the points (n, 2), in their place: those no farther than ``reach`` m from the
+    origin."""
+    k = 0
+    for i in range(points.shape[0]):
+        if points[i, 0] ** 2 + points[i, 1] ** 2 <= reach * reach:
+            points[k] = points[i]
+            k += 1
+    return points[:k]
+
+
+@njit(cache=True)
+def near_points(points: FloatArray, pose: FloatArray, near_m: float) -> FloatArray:
+    """(k, 2) in map, of points (n, 2) seen from ``pose`` (3,): those within ``near_m``."""
+    out, k = np.empty_like(points), 0
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    for i in range(points.shape[0]):
+        x, y = points[i, 0], points[i, 1]
+        if math.hypot(x, y) < near_m:
+            out[k, 0] = pose[0] + cos * x - sin * y
+            out[k, 1] = pose[1] + sin * x + cos * y
+            k += 1
+    return out[:k]
+
+
+@njit(cache=True)
+def _hindered(
+    points: FloatArray,
+    ahead: float,
+    turned: float,
+    half_length: float,
+    half_width: float,
+    margin: float,
+) -> bool:
+    """Whether the footprint is within ``margin`` of a point, and nearer than it was, at the end
+    of an arc ``ahead`` m long and ``turned`` rad round."""
+    cx, cy = arc_end(ahead, turned)
+    cos, sin = math.cos(turned), math.sin(turned)
+    reach = math.hypot(half_length, half_width) + margin
+    for i in range(points.shape[0]):
+        dx, dy = points[i, 0] - cx, points[i, 1] - cy
+        if dx * dx + dy * dy > reach * reach:
+            continue
+        there = rectangle_distance(
+            cos * dx + sin * dy, cos * dy - sin * dx, half_length, half_width
+        )
+        if there < margin:
+            here = rectangle_distance(points[i, 0], points[i, 1], half_length, half_width)
+            if there < here - 1e-6:
+                return True
+    return False
+
+
+@njit(cache=True)
+def _free_of(
+    points: FloatArray,
+    ahead: float,
+    turned: float,
+    half_length: float,
+    half_width: float,
+    margin: float,
+    steps: int,
+) -> float:
+    """``free_fraction`` as far as that many steps along the arc can tell."""
+    for step in range(1, steps + 1):
+        f = step / steps
+        if _hindered(points, f * ahead, f * turned, half_length, half_width, margin):
+            low, high = (step - 1) / steps, f
+            for _ in range(_HALVINGS):
+                f = 0.5 * (low + high)
+                if _hindered(points, f * ahead, f * turned, half_length, half_width, margin):
+                    high = f
+                else:
+                    low = f
+            return low
+    return 1.0
+
+
+@njit(cache=True)
+def within(points: FloatArray, half_length: float, half_width: float, margin: float) -> FloatArray:
+    """(k, 2) of the points (n, 2), in base_link, that are nearer to the footprint than a margin."""
+    out, k = np.empty_like(points), 0
+    for i in range(points.shape[0]):
+        if rectangle_distance(points[i, 0], points[i, 1], half_length, half_width) < margin:
+            out[k] = points[i]
+            k += 1
+    return out[:k]
+
+
+@njit(cache=True)
+def free_fraction(
+    points: FloatArray,
+    ahead: float,
+    turned: float,
+    half_length: float,
+    half_width: float,
+    margin: float,
+) -> float:
+    """How much of a motion, 0 to 1, is free before the footprint is within ``margin`` of a point.
+
+    points: (n, 2) in base_link now. The motion is an arc, ``ahead`` m long and ``turned`` rad
+    round. A point that is within the margin already hinders only what brings it nearer; there the
+    margin makes good nothing that lies between two steps, and they are finer.
+    """
+    steps = math.ceil(max(abs(ahead) / _STEP_M, abs(turned) / _STEP_RAD))
+    free = _free_of(points, ahead, turned, half_length, half_width, margin, steps)
+    near = within(points, half_length, half_width, margin)
+    if near.shape[0] and free > 0.0:
+        part = math.ceil(free * steps * _FINER)
+        free *= _free_of(near, free * ahead, free * turned, half_length, half_width, margin, part)
+    return free
+
+
+@njit(cache=True)
+def room_after(
+    points: FloatArray, ahead: float, turned: float, half_length: float, half_width: float
+) -> float:
+    """m from the footprint to the nearest of the points (n, 2), in base_link before, at the end
+    of an arc ``ahead`` m long and ``turned`` rad round."""
+    end = np.array((*arc_end(ahead, turned), turned))
+    seen, least = points_in(end, np.zeros(3), points), np.inf
+    for i in range(seen.shape[0]):
+        gap = rectangle_distance(seen[i, 0], seen[i, 1], half_length, half_width)
+        least = min(least, gap)
+    return least
