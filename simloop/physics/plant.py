@@ -38,9 +38,8 @@ from simloop.physics.truth_kernels import (
     carry_ranges,
     motion_now,
 )
-from simloop.physics.vehicle_geoms import geom_kinds, road_wheels
+from simloop.physics.vehicle_geoms import SEEN_GROUPS, geom_kinds, is_free, road_wheels
 from simloop.truth import LooseTruth, TrackTruth, Truth
-from simloop.worlds.arena import SEEN_GROUPS, is_free
 from simloop.worlds.mjcf_ground import ground_height
 
 _GRAVITY_MPS2 = 9.81

@@ -7,6 +7,9 @@ import numpy as np
 
 from simloop.physics.track_model import GROUND, HULL, OBSTACLE, WHEEL
 
+SEEN_GROUPS = (0, 1)
+"""The geom groups that rays meet: the arena's, not the vehicle's visual (2) and collision (3)."""
+
 
 def geom_kinds(model: mujoco.MjModel) -> np.ndarray:
     """(ngeom,) what each geom is to the tracks: ground, obstacle, hull or road wheel i.
@@ -41,3 +44,9 @@ def road_wheels(model: mujoco.MjModel) -> list[int]:
     if len(sides[0]) != len(sides[1]) or len(sides[0]) < 2:
         raise ValueError("each side of the vehicle needs as many road wheels, two or more")
     return sides[0] + sides[1]
+
+
+def is_free(model: mujoco.MjModel, body: int) -> bool:
+    """Whether a body hangs on a free joint: its own pose is then all of its joint's."""
+    joint = int(model.body_jntadr[body])
+    return joint >= 0 and bool(model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE)

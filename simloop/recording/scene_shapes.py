@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simloop.messages import FloatArray
+from simloop.physics.vehicle_geoms import is_free
 from simloop.recording.shapes import Body, Shape, ShapeKind
-from simloop.worlds.arena import is_free
 
 _COLLISION_GROUP = 3
 _KINDS: dict[int, ShapeKind] = {

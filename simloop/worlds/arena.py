@@ -19,6 +19,7 @@ from scipy.spatial import ConvexHull, QhullError
 from simloop.common.data_files import models_dir
 from simloop.config import PayloadConfig
 from simloop.messages import FloatArray
+from simloop.physics.vehicle_geoms import SEEN_GROUPS
 from simloop.worlds.floor_plan import BAND_M, FloorPlan, Section, rasterise
 from simloop.worlds.generators.clutter import draw_clutter
 from simloop.worlds.mjcf_ground import add_loose, add_movers, add_terrain
@@ -39,8 +40,6 @@ __all__ = [
 ]
 
 _MATERIALS = ("oak", "teal", "brick", "mustard", "slate", "sage", "plum")
-SEEN_GROUPS = (0, 1)
-"""The geom groups that rays meet: the arena's, not the vehicle's visual (2) and collision (3)."""
 _OVERLAP_M = 0.001
 _RIM_M = 0.2  # of floor beyond the bounds, for walls to stand on
 _UPRIGHT = 1.0 - 1e-9
@@ -169,12 +168,6 @@ def overlaps(model: mujoco.MjModel, start: Sequence[float] | FloatArray) -> list
             )
             pairs.append((first, second))
     return pairs
-
-
-def is_free(model: mujoco.MjModel, body: int) -> bool:
-    """Whether a body hangs on a free joint: its own pose is then all of its joint's."""
-    joint = int(model.body_jntadr[body])
-    return joint >= 0 and bool(model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE)
 
 
 def _with_vehicle(path: Path) -> mujoco.MjSpec:
