@@ -18,16 +18,12 @@ from simloop.config import Config, FrictionImage, FrictionZone
 from simloop.loop import Simulation
 from simloop.physics.plant import Plant
 from simloop.physics.track_model import friction_at, friction_map
+from simloop.physics.vehicle_geoms import ground_height
 from simloop.recording.scene_shapes import scene_shapes
 from simloop.scenario.build import build_world
 from simloop.scenario.scenario import load
 from simloop.worlds.arena import build
-from simloop.worlds.mjcf_ground import (
-    climbable_height,
-    climbing_angle_of,
-    ground_height,
-    heights_of,
-)
+from simloop.worlds.mjcf_ground import climbable_height, climbing_angle_of, heights_of
 from simloop.worlds.terrain import HeightField, Loose, Ramp, Step, Terrain
 
 FIELD = HeightField((-2.0, -1.5), (2.0, 1.5), rms_m=0.004, correlation_m=0.3, seed=3)

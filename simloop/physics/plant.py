@@ -38,9 +38,14 @@ from simloop.physics.truth_kernels import (
     carry_ranges,
     motion_now,
 )
-from simloop.physics.vehicle_geoms import SEEN_GROUPS, geom_kinds, is_free, road_wheels
+from simloop.physics.vehicle_geoms import (
+    SEEN_GROUPS,
+    geom_kinds,
+    ground_height,
+    is_free,
+    road_wheels,
+)
 from simloop.truth import LooseTruth, TrackTruth, Truth
-from simloop.worlds.mjcf_ground import ground_height
 
 _GRAVITY_MPS2 = 9.81
 _TURNING_RADPS = 0.02

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import mujoco
 import numpy as np
 
+from simloop.messages import FloatArray
 from simloop.physics.track_model import GROUND, HULL, OBSTACLE, WHEEL
+
+_ABOVE_M = 10.0
+
 
 SEEN_GROUPS = (0, 1)
 """The geom groups that rays meet: the arena's, not the vehicle's visual (2) and collision (3)."""
@@ -50,3 +56,38 @@ def is_free(model: mujoco.MjModel, body: int) -> bool:
     """Whether a body hangs on a free joint: its own pose is then all of its joint's."""
     joint = int(model.body_jntadr[body])
     return joint >= 0 and bool(model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE)
+
+
+def ground_height(
+    model: mujoco.MjModel, data: mujoco.MjData, geoms: Sequence[int], places: FloatArray
+) -> float:
+    """The highest that any of these geoms reaches at any of places (n, 2), m; 0 is the floor.
+
+    data: reset; its kinematics are done here.
+    """
+    mujoco.mj_kinematics(model, data)
+    down, normal, highest = np.array([0.0, 0.0, -1.0]), np.zeros(3), 0.0
+    for x, y in places:
+        above = np.array([x, y, _ABOVE_M])
+        for geom in geoms:
+            far = _ray(model, data, geom, above, down, normal)
+            highest = max(highest, _ABOVE_M - far if far >= 0.0 else 0.0)
+    return highest
+
+
+def _ray(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    geom: int,
+    origin: FloatArray,
+    direction: FloatArray,
+    normal: FloatArray,
+) -> float:
+    """How far a ray goes to one geom of any kind, m; -1 where it misses it."""
+    kind = int(model.geom_type[geom])
+    if kind == mujoco.mjtGeom.mjGEOM_HFIELD:
+        return float(mujoco.mj_rayHfield(model, data, geom, origin, direction, normal))
+    if kind == mujoco.mjtGeom.mjGEOM_MESH:
+        return float(mujoco.mj_rayMesh(model, data, geom, origin, direction, normal))
+    at, turned, size = data.geom_xpos[geom], data.geom_xmat[geom], model.geom_size[geom]
+    return float(mujoco.mju_rayGeom(at, turned, size, origin, direction, kind, normal))

@@ -23,7 +23,6 @@ _HULL_AND_WHEELS = 3
 _BELLY_M = 0.02
 """Where the hull begins: ground that stays below it between two wheels meets wheels alone."""
 _BASE_M = 0.1
-_ABOVE_M = 10.0
 _MOVER_RGBA = (0.80, 0.32, 0.24, 1.0)
 
 
@@ -107,41 +106,6 @@ def add_loose(world: mujoco.MjSpec, things: Sequence[Loose]) -> None:
             geom.size = [0.5 * thing.size_m[0], half, 0.0]
         # The floor's own friction must not be the larger one of the two, which would hold.
         geom.priority = 1
-
-
-def ground_height(
-    model: mujoco.MjModel, data: mujoco.MjData, geoms: Sequence[int], places: FloatArray
-) -> float:
-    """The highest that any of these geoms reaches at any of places (n, 2), m; 0 is the floor.
-
-    data: reset; its kinematics are done here.
-    """
-    mujoco.mj_kinematics(model, data)
-    down, normal, highest = np.array([0.0, 0.0, -1.0]), np.zeros(3), 0.0
-    for x, y in places:
-        above = np.array([x, y, _ABOVE_M])
-        for geom in geoms:
-            far = _ray(model, data, geom, above, down, normal)
-            highest = max(highest, _ABOVE_M - far if far >= 0.0 else 0.0)
-    return highest
-
-
-def _ray(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    geom: int,
-    origin: FloatArray,
-    direction: FloatArray,
-    normal: FloatArray,
-) -> float:
-    """How far a ray goes to one geom of any kind, m; -1 where it misses it."""
-    kind = int(model.geom_type[geom])
-    if kind == mujoco.mjtGeom.mjGEOM_HFIELD:
-        return float(mujoco.mj_rayHfield(model, data, geom, origin, direction, normal))
-    if kind == mujoco.mjtGeom.mjGEOM_MESH:
-        return float(mujoco.mj_rayMesh(model, data, geom, origin, direction, normal))
-    at, turned, size = data.geom_xpos[geom], data.geom_xmat[geom], model.geom_size[geom]
-    return float(mujoco.mju_rayGeom(at, turned, size, origin, direction, kind, normal))
 
 
 def _turn(yaw_rad: float) -> list[float]:
