@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray, Plan, WorldView
+from simloop.planners.problem.account import problem_of
 from simloop.planners.problem.bends import MAX_POINTS, copy_path, refine, settle, without_twins
 from simloop.planners.problem.clearance import Problem
 from simloop.planners.problem.objective import (
@@ -29,7 +30,6 @@ from simloop.planners.problem.objective import (
     length_and_turning,
     make_stack,
 )
-from simloop.planners.reactive.rollout import problem_of
 from simloop.planners.splitmix import State, make_state
 from simloop.planners.tlbo.lines import Lines, decode, encode, make_lines, nearby
 from simloop.planners.tlbo.recombine import recombine

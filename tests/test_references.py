@@ -13,7 +13,7 @@ from simloop.bench_planners import path_cost
 from simloop.benchmarks.planners.scenes import box_world, disc_world, scene, true_clearance
 from simloop.common.errors import InputError
 from simloop.config import PlannerConfig, VehicleConfig
-from simloop.planners.reactive.rollout import problem_of
+from simloop.planners.problem.account import problem_of
 from simloop.planners.reference.exact import exact_path
 from simloop.planners.reference.ref_grid import spacing
 from simloop.planners.registry import make_planner

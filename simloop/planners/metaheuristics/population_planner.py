@@ -14,8 +14,8 @@ from simloop.messages import FloatArray, Plan, WorldView
 from simloop.planners.metaheuristics.codings import CODINGS, PathObjective, encode, make_coding
 from simloop.planners.metaheuristics.population import Population, Rule, minimise
 from simloop.planners.metaheuristics.seeds import seeded
+from simloop.planners.problem.account import account, lack_of, problem_of
 from simloop.planners.problem.clearance import Problem
-from simloop.planners.reactive.rollout import account, lack_of, problem_of
 from simloop.planners.splitmix import make_state
 from simloop.planners.tlbo.warm import way_ahead
 

@@ -35,14 +35,9 @@ from numba import njit
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.geometry.discs import discs_of
 from simloop.messages import FloatArray, WorldView
+from simloop.planners.problem.account import lack_of
 from simloop.planners.problem.clearance import Problem
-from simloop.planners.reactive.rollout import (
-    Walk,
-    WalkingPlanner,
-    inside_bounds,
-    lack_of,
-    surface,
-)
+from simloop.planners.reactive.rollout import Walk, WalkingPlanner, inside_bounds, surface
 from simloop.planners.splitmix import State, below, make_state, uniform
 
 POPULATION = 50

@@ -8,19 +8,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numba import njit
 
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray, Plan, WorldView
+from simloop.planners.problem.account import account, lack_of, problem_of
 from simloop.planners.problem.clearance import (
     Problem,
-    make_problem,
     relaxed_clearance,
 )
-from simloop.planners.problem.objective import intrusion, length_and_turning, make_stack
 
 THIN_SHARES = (0.02, 0.005, 0.0)
 """How far a thinned path may lie from what was gone, in safe distances: the first that costs no
@@ -102,23 +101,6 @@ def thin(path: FloatArray, tolerance: float) -> FloatArray:
     return path[keep]
 
 
-def problem_of(
-    config: PlannerConfig, overhang_m: float, world: WorldView, start: FloatArray, goal: FloatArray
-) -> Problem:
-    """The planning problem that a config asks for."""
-    return make_problem(
-        world,
-        start,
-        goal,
-        safe_m=config.safe_distance_m,
-        overhang_m=overhang_m,
-        length_weight=config.length_weight,
-        turning_weight=config.turning_weight,
-        start_turn_weight=config.start_turn_weight,
-        penalty=config.penalty,
-    )
-
-
 def grown(p: Problem, extra_m: float) -> Problem:
     """The same problem with ``extra_m`` more to be kept from everything but at the start."""
     slack = p.start_slack + extra_m if p.start_slack > 0.0 else 0.0
@@ -126,11 +108,6 @@ def grown(p: Problem, extra_m: float) -> Problem:
         here = relaxed_clearance(p, p.start_x, p.start_y) - p.safe_m
         slack = max(0.0, extra_m - here + 1e-6) if here < extra_m else 0.0
     return p._replace(safe_m=p.safe_m + extra_m, start_slack=slack)
-
-
-def lack_of(p: Problem, path: FloatArray) -> float:
-    """Summed intrusion of a path (n, 2), m: 0 where it keeps the safe distance all along."""
-    return float(intrusion(p, path, len(path), np.inf, make_stack()))
 
 
 def plan_by_walking(
@@ -171,27 +148,6 @@ def plan_by_walking(
         generations=done.generations,
         candidates_m=done.candidates,
         reason=reason,
-    )
-
-
-def account(
-    name: str, world: WorldView, p: Problem, path: FloatArray, lack_m: float, **told: Any
-) -> Plan:
-    """The plan along a path (n, 2) that lacks so much: J with the lack's price, length, turning.
-
-    told: `Plan`'s further fields.
-    """
-    length, turning = length_and_turning(path, len(path))
-    cost = p.length_weight * length + p.turning_weight * turning
-    return Plan(
-        t_ns=world.t_ns,
-        waypoints_m=path,
-        cost=cost + p.penalty * lack_m,
-        length_m=length,
-        turning_rad=turning,
-        safe=lack_m == 0.0,
-        planner=name,
-        **told,
     )
 
 
