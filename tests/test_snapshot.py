@@ -25,7 +25,8 @@ from simloop.recording.belief_picture import (
     PlannerView,
 )
 from simloop.recording.belief_picture import GOAL as GOAL_INK
-from simloop.recording.snapshots import Snapshots, _NoOpenGL, _open_gl
+from simloop.recording.offscreen import _NoOpenGL, _open_gl
+from simloop.recording.snapshots import Snapshots
 from simloop.worlds.arena import build
 
 BOUNDS = (0.0, 0.0, 4.7, 4.7)  # with the view's margin: 5 m, 100 px a metre
