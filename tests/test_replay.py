@@ -18,7 +18,8 @@ from simloop.geometry.se2 import between, compose
 from simloop.graph_slam.settings import MappingConfig
 from simloop.mapping.map_files import load_map
 from simloop.replay.carmen import parse_carmen
-from simloop.replay.laser_log import ScanReader, beam_angles, read_log, usable_range_m
+from simloop.replay.laser_log import ScanReader, beam_angles, usable_range_m
+from simloop.replay.read_log import read_log
 from simloop.replay.relations import poses_at, read_relations, relation_errors, rows_to_text
 
 seeds = st.integers(0, 2**32 - 1)

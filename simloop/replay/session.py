@@ -25,7 +25,8 @@ from simloop.graph_slam.warmup import warm_up
 from simloop.mapping.grid_map import GridMap
 from simloop.mapping.map_file import save_map
 from simloop.messages import FloatArray
-from simloop.replay.laser_log import LaserLog, ScanReader, read_log
+from simloop.replay.laser_log import LaserLog, ScanReader
+from simloop.replay.read_log import read_log
 from simloop.replay.relations import on_the_relations_clock, read_relations, relation_errors
 
 STDOUT = Path("-")
