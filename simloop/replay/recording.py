@@ -13,7 +13,7 @@ from simloop.recording.columns import lifted
 from simloop.recording.images import occupancy
 
 if TYPE_CHECKING:
-    from simloop.replay.session import Replay
+    from simloop.replay.result import Replay
 
 _TIMELINE = "log_time"
 _BASE = "map/base_link"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -28,6 +28,7 @@ from simloop.messages import FloatArray
 from simloop.replay.laser_log import LaserLog, ScanReader
 from simloop.replay.read_log import read_log
 from simloop.replay.relations import on_the_relations_clock, read_relations, relation_errors
+from simloop.replay.result import Replay
 
 STDOUT = Path("-")
 
@@ -67,23 +68,6 @@ class ReplayFiles:
     def _in(self, name: str) -> Path:
         assert self.directory is not None
         return self.directory / name
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Replay:
-    """A log's scans, as far as they were replayed.
-
-    trajectory: (n, 3) base_link in map, NaN where lost. keyframes: the scans whose hits (k, 2) are
-    in keyframe_points. closures: (2, 2) ends of each.
-    """
-
-    log: LaserLog
-    trajectory: FloatArray
-    keyframes: Sequence[int]
-    keyframe_points: Sequence[FloatArray]
-    closures: Sequence[FloatArray]
-    map: GridMap
-    figures: dict[str, Any]
 
 
 def load(log: Path, relations: Path | None) -> tuple[LaserLog, FloatArray | None]:
