@@ -31,7 +31,8 @@ from simloop.evaluation.shortest_path import shortest_path
 from simloop.loop import Simulation
 from simloop.messages import Message
 from simloop.scenario.build import World, build_world
-from simloop.scenario.scenario import Scenario, apply_override, from_table
+from simloop.scenario.load import apply_override, from_table
+from simloop.scenario.scenario import Scenario
 from simloop.truth import Truth
 from simloop.worlds.gazebo_world import read_sdf
 

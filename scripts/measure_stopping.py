@@ -17,7 +17,7 @@ from simloop.ekf import GAUGE
 from simloop.messages import EncoderReading, Estimate, FloatArray
 from simloop.physics.plant import Plant
 from simloop.scenario.build import build_world
-from simloop.scenario.scenario import load
+from simloop.scenario.load import load
 from simloop.sensors import Encoders
 from simloop.tracker import Drive
 

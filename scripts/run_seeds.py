@@ -19,7 +19,7 @@ import numpy as np
 
 from simloop.common.errors import InputError
 from simloop.loop import Simulation
-from simloop.scenario.scenario import load
+from simloop.scenario.load import load
 
 _BOUNDS = {"sim_time_s": "s", "path_ratio": "x shortest", "ate_rmse_m": "m", "yaw_deg": "deg",
            "min_clearance_m": "m", "plan_ms_p99": "ms", "nees_mean": "", "spl": ""}  # fmt: skip

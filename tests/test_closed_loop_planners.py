@@ -8,7 +8,7 @@ import pytest
 from simloop import planners
 from simloop.loop import Simulation
 from simloop.messages import Plan, SmoothPath
-from simloop.scenario.scenario import load
+from simloop.scenario.load import load
 from simloop.truth import Truth
 
 

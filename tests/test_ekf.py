@@ -37,7 +37,7 @@ from simloop.localiser import Localiser
 from simloop.messages import EncoderReading, Frames, ImuReading, PoseFix
 from simloop.physics.plant import Plant
 from simloop.scenario.build import build_world
-from simloop.scenario.scenario import load
+from simloop.scenario.load import load
 from simloop.sensors import Encoders, Imu, Lidar
 from simloop.truth import Truth
 

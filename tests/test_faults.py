@@ -10,7 +10,7 @@ from simloop.benchmarks import faults as bench_faults
 from simloop.common.errors import InputError
 from simloop.messages import EncoderReading, ImuReading, LidarScan
 from simloop.physics.faults import Fault, Faults, Glass
-from simloop.scenario.scenario import load
+from simloop.scenario.load import load
 
 
 def faults(*given):

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 from simloop.geometry.se2 import wrap_angle
 from simloop.loop import Simulation
 from simloop.messages import Estimate, Event, LidarScan, Plan, PoseFix, SmoothPath, TrackCommand
-from simloop.scenario.scenario import load
+from simloop.scenario.load import load
 from simloop.truth import Truth
 
 

@@ -21,7 +21,7 @@ from simloop.mapping.grid_map import GridMap
 from simloop.messages import DepthImage, Event, LowObstacles, MoverTracks
 from simloop.perception.low_obstacles import LowObstacleMap, in_the_way, looking_ahead, seen_too
 from simloop.physics.plant import Plant
-from simloop.scenario.scenario import load
+from simloop.scenario.load import load
 from simloop.truth import Truth
 from simloop.worlds.arena import build, floor_plan
 from simloop.worlds.obstacles import Obstacle

@@ -15,7 +15,7 @@ from simloop.evaluation.metrics import RunMetrics
 from simloop.evaluation.provenance import versions
 from simloop.messages import Estimate, Plan
 from simloop.scenario.build import build_world
-from simloop.scenario.scenario import load
+from simloop.scenario.load import load
 from simloop.truth import Truth
 from simloop.worlds.floor_plan import Section, rasterise
 from simloop.worlds.outline_gap import clearances, least_clearance

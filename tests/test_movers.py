@@ -15,7 +15,7 @@ from simloop.common.errors import InputError
 from simloop.config import VehicleConfig
 from simloop.loop import Simulation
 from simloop.messages import GoalReading, MoverTracks, TrackCommand
-from simloop.scenario.scenario import load
+from simloop.scenario.load import load
 from simloop.truth import LooseTruth
 from simloop.worlds.floor_plan import Section, rasterise
 from simloop.worlds.movers.crowd import Crowd, MovingGoal, on_path

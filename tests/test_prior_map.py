@@ -8,7 +8,7 @@ from simloop.common.errors import InputError
 from simloop.loop import Simulation
 from simloop.mapping.map_file import save_map
 from simloop.messages import MapUpdate
-from simloop.scenario.scenario import load
+from simloop.scenario.load import load
 
 
 def run(*overrides):

@@ -11,7 +11,7 @@ from simloop.loop import Simulation
 from simloop.messages import Event, WorldView
 from simloop.navigation.feasibility import Reachability, is_closed_off
 from simloop.scenario.build import build_world
-from simloop.scenario.scenario import load
+from simloop.scenario.load import load
 
 STEP = 0.05
 BOX = """

@@ -14,7 +14,7 @@ from simloop.ekf import GAUGE
 from simloop.geometry.footprint import room_after
 from simloop.loop import Simulation
 from simloop.messages import Estimate, Event
-from simloop.scenario.scenario import load
+from simloop.scenario.load import load
 
 CONFIG, VEHICLE = TrackerConfig(), VehicleConfig()
 HALF_LENGTH, HALF_WIDTH = 0.5 * VEHICLE.length_m, 0.5 * VEHICLE.width_m

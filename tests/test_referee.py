@@ -10,7 +10,7 @@ import pytest
 
 from simloop.loop import Simulation
 from simloop.messages import ImuReading, LidarScan, Plan
-from simloop.scenario.scenario import load
+from simloop.scenario.load import load
 
 
 @pytest.fixture(scope="module")

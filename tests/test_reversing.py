@@ -17,7 +17,7 @@ from simloop.geometry.se2 import about_face, wrap_angle
 from simloop.loop import Simulation
 from simloop.messages import TrackCommand
 from simloop.reversing import rear_first
-from simloop.scenario.scenario import load
+from simloop.scenario.load import load
 from simloop.sensors import Encoders
 from simloop.tracker import Drive
 from simloop.truth import Truth

@@ -19,7 +19,7 @@ from simloop.control.collision_monitor import CollisionMonitor, allowed_part
 from simloop.geometry.footprint import free_fraction
 from simloop.loop import Simulation
 from simloop.messages import LidarScan
-from simloop.scenario.scenario import load
+from simloop.scenario.load import load
 from simloop.truth import Truth
 
 LIMITS = np.array(

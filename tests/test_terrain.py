@@ -21,7 +21,7 @@ from simloop.physics.track_model import friction_at, friction_map
 from simloop.physics.vehicle_geoms import ground_height
 from simloop.recording.scene_shapes import scene_shapes
 from simloop.scenario.build import build_world
-from simloop.scenario.scenario import load
+from simloop.scenario.load import load
 from simloop.worlds.arena import build
 from simloop.worlds.mjcf_ground import climbable_height, climbing_angle_of, heights_of
 from simloop.worlds.terrain import HeightField, Loose, Ramp, Step, Terrain

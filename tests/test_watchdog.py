@@ -20,7 +20,7 @@ from simloop.messages import (
     Plan,
     TrackCommand,
 )
-from simloop.scenario.scenario import load
+from simloop.scenario.load import load
 from simloop.truth import Truth
 
 RATES, TRACKER, CONFIG = RatesConfig(), TrackerConfig(), WatchdogConfig()

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from simloop.common.errors import InputError
 from simloop.config import VehicleConfig
 from simloop.scenario.build import build_world
-from simloop.scenario.scenario import load
+from simloop.scenario.load import load
 from simloop.worlds.floor_plan import rasterise
 from simloop.worlds.gazebo_world import read_sdf
 from simloop.worlds.generators import buildings, fields, mazes

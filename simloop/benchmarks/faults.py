@@ -13,7 +13,7 @@ from rich.console import Console
 
 from simloop.common.terminal import print_table
 from simloop.loop import Simulation
-from simloop.scenario.scenario import load
+from simloop.scenario.load import load
 
 _SCENARIO = "faults"
 MOST_UNSAID_S = 0.25

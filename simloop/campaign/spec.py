@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from simloop.common.errors import InputError
-from simloop.scenario.scenario import Scenario, load
+from simloop.scenario.load import load
+from simloop.scenario.scenario import Scenario
 
 _MOST_RUNS = 1_000_000
 _STEPS = re.compile(r"(-?[\d.eE+-]+):(-?[\d.eE+-]+):([\d.eE+-]+)\Z")

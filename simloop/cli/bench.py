@@ -33,7 +33,7 @@ def bench_loop(
     overrides: Overrides = None,
 ) -> int:
     """Speed of the closed loop: to the clock, to the plant alone, and stage by stage."""
-    from simloop.scenario.scenario import load
+    from simloop.scenario.load import load
 
     wanted = load(scenario, overrides or ())
     check_json(json_file)

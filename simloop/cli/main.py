@@ -139,7 +139,7 @@ def run_scenario(
 ) -> int:
     """Run a scenario: exit code 0 if the goal is reached, 1 if the robot fails."""
     from simloop.cli.outputs import choose
-    from simloop.scenario.scenario import load, resolve
+    from simloop.scenario.load import load, resolve
 
     wanted = load(scenario, overrides or (), seed=seed, planner=planner)
     outputs = choose(out, record, snapshots, json_file)

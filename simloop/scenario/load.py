@@ -1,0 +1,200 @@
+"""Loads scenarios from files and overrides."""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from simloop import planners
+from simloop.common.errors import InputError, did_you_mean
+from simloop.config import Config
+from simloop.mapping.map_files import load_map
+from simloop.scenario.catalog import arena_files, planner_names, scenario_files
+from simloop.scenario.scenario import ARENA_FILES, Scenario, _clip, _first_line, _short
+
+_BARE_WORD = re.compile(r"[A-Za-z_./][A-Za-z0-9_\-./]*\Z")
+_FILE_KEYS = (("tracks", "friction_image", "file"), ("terrain", "height_field", "image"))
+
+
+def load(
+    name_or_path: str | Path,
+    overrides: Sequence[str] = (),
+    *,
+    seed: int | None = None,
+    planner: str | None = None,
+) -> Scenario:
+    """Read, override and validate a scenario.
+
+    overrides: ``key=value`` strings, dotted keys, values as in TOML (a bare word is a string).
+    Raises InputError, one line, for whatever is wrong with any of them.
+    """
+    file = resolve(name_or_path)
+    table = read_toml(file)
+    table.setdefault("name", file.stem)
+    _place_files(table, file.parent)
+    for text in overrides:
+        apply_override(table, text)
+    _place_files(table, Path.cwd())  # whoever writes it on the command line means it from there
+    if seed is not None:
+        table["seed"] = seed
+    if planner is not None:
+        apply_override(table, f"planner.name={json.dumps(planner)}")
+    scenario = from_table(table, source=str(name_or_path))
+    _check_names(scenario, source=str(name_or_path))
+    return scenario
+
+
+def _place_files(table: dict[str, Any], folder: Path) -> None:
+    """Make an arena that is given as a file, and images, full paths, in place; full ones stay."""
+    arena = table.get("arena")
+    if isinstance(arena, str) and arena.endswith(ARENA_FILES):
+        table["arena"] = _full_path(folder, arena)
+    slam = table.get("slam")
+    if isinstance(slam, dict) and slam.get("prior_map") and isinstance(slam["prior_map"], str):
+        slam["prior_map"] = _full_path(folder, slam["prior_map"])
+    for section, part, key in _FILE_KEYS:
+        holder = table.get(section)
+        holder = holder.get(part) if isinstance(holder, dict) else None
+        if isinstance(holder, dict) and isinstance(holder.get(key), str):
+            holder[key] = _full_path(folder, holder[key])
+
+
+def _full_path(folder: Path, name: str) -> str:
+    try:
+        return str((folder / name).resolve())
+    except (OSError, RuntimeError, ValueError) as error:  # a null byte, a loop of links
+        raise InputError(f"{_short(name)}: cannot be the name of a file: {error}") from None
+
+
+def resolve(name_or_path: str | Path) -> Path:
+    """The file of a scenario given by name or by path."""
+    text, known = str(name_or_path), scenario_files()
+    if text in known:
+        return known[text]
+    path = Path(text)
+    if path.is_file():
+        return path
+    if path.suffix or len(path.parts) > 1:
+        what = "is a directory, not a scenario file" if path.is_dir() else "no such file"
+        raise InputError(f"{text}: {what}; the scenarios that come along: {', '.join(known)}")
+    raise InputError(f"unknown scenario '{text}'{did_you_mean(text, known)}")
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The tables of a TOML file; the versions that a saved run carries are left out."""
+    try:
+        table = tomllib.loads(path.read_bytes().decode("utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not a text file (byte {error.start} is not UTF-8)") from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: not valid TOML: {error}") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: not usable TOML: {error}") from None
+    table.pop("versions", None)
+    return table
+
+
+def apply_override(table: dict[str, Any], text: str) -> None:
+    """Set one key of the tables in place from ``a.b=value``; lists are reached by index."""
+    key, equals, value = text.partition("=")
+    text = _clip(text)
+    parts = [part.strip() for part in key.split(".")]
+    if not equals or not all(parts):
+        raise InputError(f"--set {text}: write it as key=value, e.g. --set goal=[3.0,2.5]")
+    node: Any = table
+    for depth, part in enumerate(parts[:-1]):
+        node = _descend(node, part, f"--set {text}: {'.'.join(parts[: depth + 1])}")
+    _assign(node, parts[-1], parse_value(value, text), f"--set {text}: {key.strip()}")
+
+
+def parse_value(value: str, text: str) -> Any:
+    """A TOML value; a bare word, which TOML does not know, is taken as a string."""
+    try:
+        parsed = tomllib.loads(f"value = {value}")
+    except (ValueError, RecursionError):
+        if _BARE_WORD.match(value.strip()):
+            return value.strip()
+        raise InputError(
+            f'--set {text}: not a TOML value on the right (number, [list], "text", true)'
+        ) from None
+    if set(parsed) != {"value"}:
+        raise InputError(f"--set {text}: one value at a time")
+    return parsed["value"]
+
+
+def from_table(table: Mapping[str, Any], *, source: str) -> Scenario:
+    """Validate the tables of a scenario file. source: what an error calls them."""
+    sections = {field.name for field in fields(Config)}
+    own = {field.name for field in fields(Scenario)} - {"config"}
+    for key in table:
+        if key not in sections | own:
+            hint = did_you_mean(key, sections | own)
+            raise InputError(f"{source}: unknown key '{key}'{hint}")
+    data = {key: value for key, value in table.items() if key in own}
+    data["config"] = {key: value for key, value in table.items() if key in sections}
+    try:
+        # JSON, because strictness about types then still lets a list be a tuple.
+        return _adapter().validate_json(json.dumps(data, default=str), strict=True)
+    except ValidationError as error:
+        raise InputError(f"{source}: {_first_line(error)}") from None
+
+
+@cache
+def _adapter() -> TypeAdapter[Scenario]:
+    return TypeAdapter(Scenario)
+
+
+def _check_names(scenario: Scenario, *, source: str) -> None:
+    """Refuse an arena or a planner that does not exist, with the choices."""
+    name, arena = scenario.config.planner.name, scenario.arena
+    if name not in planner_names():
+        hint = did_you_mean(name, planner_names())
+        raise InputError(f"{source}: planner.name: unknown planner '{name}'{hint}")
+    if scenario.config.planner.options:
+        try:
+            planners.check_options(name, dict(scenario.config.planner.options))
+        except ValueError as error:
+            raise InputError(f"{source}: planner.options: {error}") from None
+    if scenario.config.slam.prior_map:
+        load_map(Path(scenario.config.slam.prior_map), scenario.config.slam)
+    elif not scenario.config.slam.extend_map:
+        raise InputError(f"{source}: slam.extend_map: false needs a slam.prior_map to go by")
+    if arena.endswith(ARENA_FILES):
+        if not Path(arena).is_file():
+            raise InputError(f"{source}: arena: no such file: {arena}")
+    elif arena not in arena_files():
+        hint = did_you_mean(arena, arena_files())
+        raise InputError(f"{source}: arena: unknown arena '{arena}'{hint}")
+
+
+def _descend(node: Any, part: str, where: str) -> Any:
+    if isinstance(node, dict):
+        return node.setdefault(part, {})
+    if isinstance(node, list):
+        return node[_index(node, part, where)]
+    raise InputError(f"{where} is a value, not a table")
+
+
+def _assign(node: Any, part: str, value: Any, where: str) -> None:
+    if isinstance(node, dict):
+        node[part] = value
+    elif isinstance(node, list):
+        node[_index(node, part, where)] = value
+    else:
+        raise InputError(f"{where.rpartition('.')[0]} is a value, not a table")
+
+
+def _index(node: list[Any], part: str, where: str) -> int:
+    if not part.isdecimal() or int(part) >= len(node):
+        raise InputError(f"{where}: index must be 0 to {len(node) - 1}")
+    return int(part)
