@@ -14,7 +14,8 @@ from simloop.common.errors import InputError
 from simloop.scenario.build import build_world, nearest
 from simloop.scenario.catalog import arena_files, planner_names, scenario_facts, scenario_files
 from simloop.scenario.load import apply_override, from_table, load
-from simloop.scenario.scenario import Scenario, to_toml
+from simloop.scenario.save import to_toml
+from simloop.scenario.scenario import Scenario
 
 MINIMAL = 'arena = "open"\nstart = [0, 0, 0]\ngoal = [1, 2]\n'
 

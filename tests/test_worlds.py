@@ -37,7 +37,7 @@ def test_a_world_is_its_seeds_and_can_be_crossed(kind):
 
 
 def test_a_saved_scenario_gives_the_same_world(tmp_path):
-    from simloop.scenario.scenario import to_toml
+    from simloop.scenario.save import to_toml
 
     scenario = load("maze", seed=3)
     file = tmp_path / "again.toml"

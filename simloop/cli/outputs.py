@@ -10,7 +10,8 @@ from typing import Any
 
 from simloop.common.errors import InputError
 from simloop.common.files import check_directory, check_file, write_text
-from simloop.scenario.scenario import Scenario, to_toml
+from simloop.scenario.save import to_toml
+from simloop.scenario.scenario import Scenario
 
 
 @dataclass(frozen=True, slots=True)

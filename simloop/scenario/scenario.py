@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import json
 import typing
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields, is_dataclass
+from collections.abc import Sequence
+from dataclasses import fields, is_dataclass
 from types import UnionType
 from typing import Annotated, Any
 
@@ -116,32 +116,6 @@ class Scenario:
         return self
 
 
-def to_table(scenario: Scenario) -> dict[str, Any]:
-    """The inverse of ``from_table``: every key with its effective value."""
-    table = asdict(scenario)
-    sections = table.pop("config")
-    return {key: value for key, value in table.items() if value is not None} | sections
-
-
-def to_toml(scenario: Scenario, versions: Mapping[str, str] | None = None) -> str:
-    """The effective scenario as TOML that ``load`` reads back to an equal one."""
-    table = to_table(scenario)
-    if versions:
-        table["versions"] = dict(versions)
-    plain = {key: value for key, value in table.items() if not _is_table(value)}
-    lines = [f"{key} = {_toml_value(value)}" for key, value in plain.items()]
-    for key, value in table.items():
-        if not _is_table(value):
-            continue
-        header, bodies = (
-            (f"[[{key}]]", value) if isinstance(value, tuple) else (f"[{key}]", [value])
-        )
-        for body in bodies:
-            pairs = [(name, item) for name, item in body.items() if item is not None]
-            lines += ["", header, *(f"{name} = {_toml_value(item)}" for name, item in pairs)]
-    return "\n".join(lines) + "\n"
-
-
 def _first_line(error: ValidationError) -> str:
     """The first of the errors as one line, with a count of the others."""
     details = error.errors(include_url=False)
@@ -198,23 +172,3 @@ def _short(value: Any) -> str:
 
 def _clip(text: str, length: int = 60) -> str:
     return text if len(text) <= length else text[: length - 3] + "..."
-
-
-def _is_table(value: Any) -> bool:
-    if isinstance(value, tuple):
-        return bool(value) and all(isinstance(item, dict) for item in value)
-    return isinstance(value, dict)
-
-
-def _toml_value(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        # JSON's escapes are TOML's too, but for DEL, which JSON leaves as it is.
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, int | float):
-        return repr(value)
-    if isinstance(value, dict):
-        pairs = (f"{key} = {_toml_value(item)}" for key, item in value.items() if item is not None)
-        return f"{{ {', '.join(pairs)} }}"
-    return f"[{', '.join(map(_toml_value, value))}]"
