@@ -18,7 +18,8 @@ from simloop.common.errors import InputError, did_you_mean
 from simloop.config import Config
 from simloop.mapping.map_files import load_map
 from simloop.scenario.catalog import arena_files, planner_names, scenario_files
-from simloop.scenario.scenario import ARENA_FILES, Scenario, _clip, _first_line, _short
+from simloop.scenario.explain import _clip, _first_line, _short
+from simloop.scenario.scenario import ARENA_FILES, Scenario
 
 _BARE_WORD = re.compile(r"[A-Za-z_./][A-Za-z0-9_\-./]*\Z")
 _FILE_KEYS = (("tracks", "friction_image", "file"), ("terrain", "height_field", "image"))
