@@ -32,7 +32,7 @@ from simloop.messages import (
     WorldView,
 )
 from simloop.truth import Truth
-from simloop.worlds.arena import floor_plan
+from simloop.worlds.cross_section import floor_plan
 
 GOAL = np.array([3.6, 3.9])
 TICK_NS = 10_000_000

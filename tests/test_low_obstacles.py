@@ -23,7 +23,8 @@ from simloop.perception.low_obstacles import LowObstacleMap, in_the_way, looking
 from simloop.physics.plant import Plant
 from simloop.scenario.load import load
 from simloop.truth import Truth
-from simloop.worlds.arena import build, floor_plan
+from simloop.worlds.arena import build
+from simloop.worlds.cross_section import floor_plan
 from simloop.worlds.obstacles import Obstacle
 
 MOUNT = np.array([0.205, 0.0, 0.158])

@@ -20,7 +20,8 @@ from simloop.messages import EncoderReading, FloatArray, LidarScan
 from simloop.physics.plant import Plant
 from simloop.sensors import Encoders, Imu, Lidar
 from simloop.truth import Truth
-from simloop.worlds.arena import build, floor_plan
+from simloop.worlds.arena import build
+from simloop.worlds.cross_section import floor_plan
 from simloop.worlds.floor_plan import FloorPlan
 
 _SPEED_MPS, _MOST_RATE = 0.4, 0.8

@@ -17,7 +17,8 @@ from simloop.common.errors import InputError
 from simloop.messages import FloatArray
 from simloop.physics.track_model import friction_map
 from simloop.scenario.scenario import Scenario
-from simloop.worlds.arena import bounds_of, build, floor_plan, overlaps, sections_of
+from simloop.worlds.arena import bounds_of, build, overlaps
+from simloop.worlds.cross_section import floor_plan, sections_of
 from simloop.worlds.floor_plan import FloorPlan
 from simloop.worlds.gazebo_world import read_sdf
 from simloop.worlds.generators.clutter import draw_clutter, is_passable, out_of_plane
