@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simloop.evaluation.shortest_path import segment_distances, shortest_path
-from simloop.worlds.floor_plan import Section, rasterise
+from simloop.evaluation.shortest_path import shortest_path
+from simloop.worlds.floor_plan import Section, rasterise, segment_distances
 
 BOX = (-10.0, -10.0, 10.0, 10.0)
 

@@ -122,3 +122,41 @@ def _distances(
             distance = -np.sqrt(nearest) if inside else np.sqrt(nearest)
             out[n] = min(out[n], distance - radii[s])
     return out
+
+
+def outline_edges(plan: FloorPlan) -> tuple[FloatArray, FloatArray]:
+    """Every edge of every section as (E, 2, 2) ends in map, and the swell (E,) of its section."""
+    ends, swell = [np.zeros((0, 2, 2))], [np.zeros(0)]
+    for section in plan.sections:
+        vertices = section.vertices_m
+        ends.append(np.stack([vertices, np.roll(vertices, -1, axis=0)], axis=1))
+        swell.append(np.full(len(vertices), section.radius_m))
+    return np.concatenate(ends), np.concatenate(swell)
+
+
+def segment_distances(
+    start_m: FloatArray, end_m: FloatArray, other_start_m: FloatArray, other_end_m: FloatArray
+) -> FloatArray:
+    """(N, M) distances of N segments to M others, each given by its ends; 0 where they cross."""
+    a, b = start_m[:, None], end_m[:, None]
+    c, d = other_start_m[None], other_end_m[None]
+    distance = np.minimum(
+        np.minimum(_point_to_segment(a, c, d), _point_to_segment(b, c, d)),
+        np.minimum(_point_to_segment(c, a, b), _point_to_segment(d, a, b)),
+    )
+    crossing = (_side(a, b, c) * _side(a, b, d) < 0.0) & (_side(c, d, a) * _side(c, d, b) < 0.0)
+    return np.where(crossing, 0.0, distance)
+
+
+def _side(a: FloatArray, b: FloatArray, point: FloatArray) -> FloatArray:
+    """Positive where the point lies to the left of a -> b."""
+    ab, ap = b - a, point - a
+    return ab[..., 0] * ap[..., 1] - ab[..., 1] * ap[..., 0]
+
+
+def _point_to_segment(point: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
+    ab, ap = b - a, point - a
+    length2 = np.sum(ab * ab, axis=-1)
+    share = np.sum(ap * ab, axis=-1) / np.where(length2 > 0.0, length2, 1.0)
+    off = ap - np.clip(share, 0.0, 1.0)[..., None] * ab
+    return np.hypot(off[..., 0], off[..., 1])

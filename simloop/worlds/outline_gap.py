@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from simloop.config import VehicleConfig
-from simloop.evaluation.shortest_path import outline_edges, segment_distances
 from simloop.messages import FloatArray
-from simloop.worlds.floor_plan import FloorPlan
+from simloop.worlds.floor_plan import FloorPlan, outline_edges, segment_distances
 
 _BATCH = 64
 
