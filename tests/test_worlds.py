@@ -13,10 +13,9 @@ from simloop.common.errors import InputError
 from simloop.config import VehicleConfig
 from simloop.scenario.build import build_world
 from simloop.scenario.load import load
-from simloop.worlds.floor_plan import rasterise
+from simloop.worlds.floor_plan import is_passable, rasterise
 from simloop.worlds.gazebo_world import read_sdf
 from simloop.worlds.generators import buildings, fields, mazes
-from simloop.worlds.generators.clutter import is_passable
 from simloop.worlds.generators.generator import Generator, draw_world
 from simloop.worlds.layout import walls_about
 from simloop.worlds.map_server_world import read_picture, rectangles

@@ -19,9 +19,9 @@ from simloop.physics.track_model import friction_map
 from simloop.scenario.scenario import Scenario
 from simloop.worlds.arena import bounds_of, build, overlaps
 from simloop.worlds.cross_section import floor_plan, sections_of
-from simloop.worlds.floor_plan import FloorPlan
+from simloop.worlds.floor_plan import FloorPlan, is_passable
 from simloop.worlds.gazebo_world import read_sdf
-from simloop.worlds.generators.clutter import draw_clutter, is_passable, out_of_plane
+from simloop.worlds.generators.clutter import draw_clutter, out_of_plane
 from simloop.worlds.generators.generator import draw_world
 from simloop.worlds.layout import Layout
 from simloop.worlds.map_server_world import read_picture

@@ -7,12 +7,14 @@ convex polygon swollen by a radius (a disc is one vertex and a radius, a box fou
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from simloop.messages import FloatArray
 
@@ -160,3 +162,34 @@ def _point_to_segment(point: FloatArray, a: FloatArray, b: FloatArray) -> FloatA
     share = np.sum(ap * ab, axis=-1) / np.where(length2 > 0.0, length2, 1.0)
     off = ap - np.clip(share, 0.0, 1.0)[..., None] * ab
     return np.hypot(off[..., 0], off[..., 1])
+
+
+def is_blocked(plan: FloorPlan, start: FloatArray, goal: FloatArray) -> bool:
+    """Whether something stands on the straight line from start (2,) to goal (2,)."""
+    steps = max(2, math.ceil(math.dist(start, goal) / 0.01))
+    share = np.linspace(0.0, 1.0, steps)[:, None]
+    return bool(np.any(plan.clearance_m(start + share * (goal - start)) < 0.0))
+
+
+def is_passable(plan: FloorPlan, start: FloatArray, goal: FloatArray, radius_m: float) -> bool:
+    """Whether a disc can get from start (2,) to goal (2,) within the plan's bounds, on its raster.
+
+    Never says so wrongly: the disc is widened by what may lie between two cells.
+    """
+    rows, columns = plan.distance_m.shape
+    x = plan.origin_m[0] + (np.arange(columns) + 0.5) * plan.resolution_m
+    y = plan.origin_m[1] + (np.arange(rows) + 0.5) * plan.resolution_m
+    centres = np.stack(np.meshgrid(x, y), axis=-1)
+    clearance = np.minimum(plan.distance_m, to_walls(centres, plan.bounds_m))
+    free = clearance > radius_m + 0.5 * plan.resolution_m
+    labels = np.asarray(ndimage.label(free)[0])
+    cells = ((np.array([start, goal]) - plan.origin_m) / plan.resolution_m).astype(int)
+    if np.any(cells < 0) or np.any(cells >= [columns, rows]):
+        return False
+    first, last = labels[cells[:, 1], cells[:, 0]]
+    return bool(first == last and first != 0)
+
+
+def to_walls(points: FloatArray, bounds: FloatArray) -> FloatArray:
+    """(...,) distance of points (..., 2) to the nearest side of the bounds, negative outside."""
+    return np.minimum(points - bounds[:2], bounds[2:] - points).min(axis=-1)

@@ -7,11 +7,17 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy import ndimage
 
 from simloop.config import VehicleConfig
 from simloop.messages import FloatArray
-from simloop.worlds.floor_plan import FloorPlan, Section, rasterise
+from simloop.worlds.floor_plan import (
+    FloorPlan,
+    Section,
+    is_blocked,
+    is_passable,
+    rasterise,
+    to_walls,
+)
 from simloop.worlds.obstacles import Obstacle, ShapeName
 
 _SHAPES: tuple[ShapeName, ...] = ("box", "cylinder", "ellipse", "polygon", "ell")
@@ -85,37 +91,6 @@ def out_of_plane(
         hung = replace(item, bottom_m=bottom, height_m=height)
         changed.append(hung if drawn < share else item)
     return changed
-
-
-def is_blocked(plan: FloorPlan, start: FloatArray, goal: FloatArray) -> bool:
-    """Whether something stands on the straight line from start (2,) to goal (2,)."""
-    steps = max(2, math.ceil(math.dist(start, goal) / 0.01))
-    share = np.linspace(0.0, 1.0, steps)[:, None]
-    return bool(np.any(plan.clearance_m(start + share * (goal - start)) < 0.0))
-
-
-def is_passable(plan: FloorPlan, start: FloatArray, goal: FloatArray, radius_m: float) -> bool:
-    """Whether a disc can get from start (2,) to goal (2,) within the plan's bounds, on its raster.
-
-    Never says so wrongly: the disc is widened by what may lie between two cells.
-    """
-    rows, columns = plan.distance_m.shape
-    x = plan.origin_m[0] + (np.arange(columns) + 0.5) * plan.resolution_m
-    y = plan.origin_m[1] + (np.arange(rows) + 0.5) * plan.resolution_m
-    centres = np.stack(np.meshgrid(x, y), axis=-1)
-    clearance = np.minimum(plan.distance_m, to_walls(centres, plan.bounds_m))
-    free = clearance > radius_m + 0.5 * plan.resolution_m
-    labels = np.asarray(ndimage.label(free)[0])
-    cells = ((np.array([start, goal]) - plan.origin_m) / plan.resolution_m).astype(int)
-    if np.any(cells < 0) or np.any(cells >= [columns, rows]):
-        return False
-    first, last = labels[cells[:, 1], cells[:, 0]]
-    return bool(first == last and first != 0)
-
-
-def to_walls(points: FloatArray, bounds: FloatArray) -> FloatArray:
-    """(...,) distance of points (..., 2) to the nearest side of the bounds, negative outside."""
-    return np.minimum(points - bounds[:2], bounds[2:] - points).min(axis=-1)
 
 
 def _draw_room(

@@ -12,9 +12,8 @@ from pydantic.dataclasses import dataclass
 
 from simloop.common.quantities import STRICT, Fraction, reject
 from simloop.config import VehicleConfig
-from simloop.worlds.floor_plan import rasterise
+from simloop.worlds.floor_plan import is_passable, rasterise
 from simloop.worlds.generators import buildings, fields, mazes
-from simloop.worlds.generators.clutter import is_passable
 from simloop.worlds.layout import WALL_M, Bounds, Layout, walls_about
 from simloop.worlds.obstacles import Obstacle
 

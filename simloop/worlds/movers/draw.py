@@ -9,8 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from simloop.messages import FloatArray
-from simloop.worlds.floor_plan import FloorPlan
-from simloop.worlds.generators.clutter import to_walls
+from simloop.worlds.floor_plan import FloorPlan, to_walls
 from simloop.worlds.movers.settings import Crowd, Mover
 
 _TRIALS = 500
