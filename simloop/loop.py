@@ -12,7 +12,6 @@ from typing import Any, Protocol
 import numpy as np
 
 from simloop.common.profiler import Profiler
-from simloop.depth_camera import DepthCamera
 from simloop.evaluation.metrics import RunMetrics
 from simloop.messages import DepthImage, GoalReading, LidarScan, Message
 from simloop.physics.faults import Faults
@@ -20,7 +19,7 @@ from simloop.physics.plant import Plant
 from simloop.robot import Mission, Robot
 from simloop.scenario.build import World, build_world
 from simloop.scenario.scenario import Scenario
-from simloop.sensors import Encoders, Imu, Lidar
+from simloop.sensors import DepthCamera, Encoders, Imu, Lidar
 from simloop.truth import RayFan, Truth
 from simloop.worlds.movers.crowd import Crowd, MovingGoal
 

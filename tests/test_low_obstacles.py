@@ -15,13 +15,13 @@ from test_sensors import truth_at
 from simloop.config import CameraConfig, Config, LowObstaclesConfig, RatesConfig, SlamConfig
 from simloop.control.collision_monitor import CollisionMonitor
 from simloop.control.watchdog import BLIND
-from simloop.depth_camera import DepthCamera
 from simloop.loop import Simulation
 from simloop.mapping.grid_map import GridMap
 from simloop.messages import DepthImage, Event, LowObstacles, MoverTracks
 from simloop.perception.low_obstacles import LowObstacleMap, in_the_way, looking_ahead, seen_too
 from simloop.physics.plant import Plant
 from simloop.scenario.load import load
+from simloop.sensors import DepthCamera
 from simloop.truth import Truth
 from simloop.worlds.arena import build
 from simloop.worlds.cross_section import floor_plan
