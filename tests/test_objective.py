@@ -9,7 +9,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from simloop.bench_planners import path_cost
+from simloop.benchmarks.planners.judge import path_cost
 from simloop.benchmarks.planners.scenes import box_world, disc_world
 from simloop.messages import WorldView
 from simloop.planners.problem.clearance import make_problem, segment_clearance

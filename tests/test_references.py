@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from simloop.bench_planners import path_cost
+from simloop.benchmarks.planners.judge import path_cost
 from simloop.benchmarks.planners.scenes import box_world, disc_world, scene, true_clearance
 from simloop.common.errors import InputError
 from simloop.config import PlannerConfig, VehicleConfig

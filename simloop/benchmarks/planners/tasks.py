@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from simloop.bench_planners import optimum
-from simloop.benchmarks.planners.judge import judge
+from simloop.benchmarks.planners.judge import judge, optimum
 from simloop.benchmarks.planners.map_files import is_map_file, load_file
 from simloop.benchmarks.planners.paper_scenes import (
     ONLINE_SCENES,

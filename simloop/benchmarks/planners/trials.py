@@ -9,8 +9,7 @@ from time import perf_counter
 import numpy as np
 
 from simloop import planners
-from simloop.bench_planners import path_cost
-from simloop.benchmarks.planners.judge import Verdict, judge
+from simloop.benchmarks.planners.judge import Verdict, judge, path_cost
 from simloop.benchmarks.planners.scenes import Instance
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray, Plan
