@@ -13,8 +13,7 @@ from simloop.common.errors import InputError
 from simloop.common.map_server import read_pgm
 from simloop.config import SlamConfig
 from simloop.mapping.grid_map import BYTES_A_CELL, GridMap
-from simloop.mapping.map_file import save_map
-from simloop.mapping.map_files import load_map
+from simloop.mapping.map_files import load_map, save_map
 
 CONFIG = SlamConfig()
 seeds = st.integers(0, 2**32 - 1)

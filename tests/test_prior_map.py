@@ -6,7 +6,7 @@ import pytest
 
 from simloop.common.errors import InputError
 from simloop.loop import Simulation
-from simloop.mapping.map_file import save_map
+from simloop.mapping.map_files import save_map
 from simloop.messages import MapUpdate
 from simloop.scenario.load import load
 

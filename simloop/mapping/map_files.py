@@ -8,12 +8,35 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from simloop.common.map_server import read_cells
+import numpy as np
+
+from simloop.common.files import write_bytes, write_text
+from simloop.common.map_server import FREE_BELOW, OCCUPIED_ABOVE, read_cells
 from simloop.config import SlamConfig
 from simloop.mapping.grid_map import GridMap
+
+OCCUPIED, UNKNOWN, FREE = 0, 205, 254
 
 
 def load_map(yaml_file: Path, config: SlamConfig) -> GridMap:
     """The map in a file, with its own resolution. Raises InputError for what is no map."""
     resolution, origin, odds = read_cells(yaml_file)
     return GridMap.of(replace(config, resolution_m=resolution), origin, odds)
+
+
+def save_map(grid: GridMap, yaml_file: Path) -> None:
+    """Write ``yaml_file`` and, beside it under the same name, its ``.pgm``."""
+    picture = yaml_file.with_suffix(".pgm")
+    values = np.full(grid.log_odds.shape, UNKNOWN, np.uint8)
+    values[grid.log_odds < 0.0] = FREE
+    values[grid.occupied] = OCCUPIED
+    rows, columns = values.shape
+    header = f"P5\n# simloop, {grid.resolution_m:.9g} m a cell\n{columns} {rows}\n255\n"
+    write_bytes(picture, header.encode("ascii") + values[::-1].tobytes())  # first row is up
+    x, y = grid.origin_m.tolist()
+    write_text(
+        yaml_file,
+        f"image: {picture.name}\nmode: trinary\nresolution: {grid.resolution_m!r}\n"
+        f"origin: [{x!r}, {y!r}, 0.0]\nnegate: 0\n"
+        f"occupied_thresh: {OCCUPIED_ABOVE}\nfree_thresh: {FREE_BELOW}\n",
+    )

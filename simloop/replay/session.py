@@ -23,7 +23,7 @@ from simloop.graph_slam.mapper import GraphMapper
 from simloop.graph_slam.settings import MappingConfig
 from simloop.graph_slam.warmup import warm_up
 from simloop.mapping.grid_map import GridMap
-from simloop.mapping.map_file import save_map
+from simloop.mapping.map_files import save_map
 from simloop.messages import FloatArray
 from simloop.replay.laser_log import LaserLog, ScanReader
 from simloop.replay.read_log import read_log
