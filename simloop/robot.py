@@ -40,8 +40,7 @@ from simloop.navigation.bezier_smoother import Smoother
 from simloop.navigation.feasibility import Reachability
 from simloop.navigation.gap_choice import WidthPlanner
 from simloop.navigation.moving_goal import Pursuit
-from simloop.navigation.planner_world import foresee
-from simloop.outside import opened
+from simloop.navigation.planner_world import foresee, opened
 from simloop.perception.low_obstacles import LowObstacleMap, looking_ahead
 from simloop.reversing import rear_first
 from simloop.tracker import Drive, Tracker

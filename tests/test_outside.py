@@ -10,7 +10,7 @@ from test_bezier import view_of
 
 from simloop.config import Config, PlannerConfig, VehicleConfig
 from simloop.messages import WorldView
-from simloop.outside import RIM_M, opened
+from simloop.navigation.planner_world import RIM_M, opened
 from simloop.planners.registry import make_planner
 
 seeds = st.integers(0, 2**32 - 1)

@@ -18,6 +18,10 @@ from numpy.typing import NDArray
 
 from simloop.messages import FloatArray, MoverTracks, WorldView
 
+RIM_M = 0.8
+"""Wide enough for a way around whatever stands at the edge of the grid."""
+
+
 _FORESEEN_S = 4.0  # beyond, a mover has most likely thought better of it
 _BEFORE_S, _AFTER_S = 0.3, 0.7  # about the meeting: the robot may turn out slower than it thinks
 _STEP_M = 0.05
@@ -90,3 +94,29 @@ def put_discs(
                 reach = distance[row, col] + discs[k, 2]
                 if dx * dx + dy * dy < reach * reach:
                     distance[row, col] = max(0.0, math.sqrt(dx * dx + dy * dy) - discs[k, 2])
+
+
+def opened(view: WorldView) -> WorldView:
+    """The view with ``RIM_M`` of free space about its grid.
+
+    No obstacle lies outside, and the grid is convex: a place ``a`` m from its nearest cell, which
+    is ``d`` m from an obstacle, is at least hypot(a, d) from all of them.
+    """
+    if not view.distance_m.size:
+        return view
+    rim = math.ceil(RIM_M / view.resolution_m)
+    rows, cols = view.distance_m.shape
+    inside = np.pad(view.distance_m, rim, mode="edge")
+    away = np.hypot(_beyond(cols, rim)[None, :], _beyond(rows, rim)[:, None]) * view.resolution_m
+    distance = np.where(away > 0.0, np.hypot(np.maximum(inside, 0.0), away), inside)
+    return replace(
+        view,
+        origin_m=view.origin_m - rim * view.resolution_m,
+        distance_m=distance.astype(np.float32),
+    )
+
+
+def _beyond(cells: int, rim: int) -> np.ndarray:
+    """(cells + 2 rim,) how many cells each lies beyond a row of ``cells``."""
+    place = np.arange(-rim, cells + rim)
+    return np.maximum(0, np.maximum(-place, place - cells + 1)).astype(float)
