@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from simloop.blockage import stands_in_the_way
 from simloop.common.profiler import Profiler
 from simloop.config import Config
 from simloop.control.collision_monitor import CollisionMonitor
@@ -37,7 +36,7 @@ from simloop.messages import (
     WorldView,
 )
 from simloop.navigation.bezier_smoother import Smoother
-from simloop.navigation.feasibility import Reachability
+from simloop.navigation.feasibility import Reachability, stands_in_the_way
 from simloop.navigation.gap_choice import WidthPlanner
 from simloop.navigation.moving_goal import Pursuit
 from simloop.navigation.planner_world import foresee, opened

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simloop.blockage import stands_in_the_way
+from simloop.navigation.feasibility import stands_in_the_way
 
 seeds = st.integers(0, 2**32 - 1)
 
