@@ -17,7 +17,6 @@ import numpy as np
 from simloop.common.profiler import Profiler
 from simloop.config import Config
 from simloop.ekf import Ekf
-from simloop.estimation import health as reason
 from simloop.estimation.dead_reckoning import DeadReckoning
 from simloop.estimation.ekf_model import BIAS, ICR_X, RATE, SPEED, STATES
 from simloop.estimation.health import HealthMonitor
@@ -25,6 +24,8 @@ from simloop.estimation.motion_votes import Trail
 from simloop.estimation.relocalise import SearchMap, relocalise
 from simloop.geometry.se2 import between, compose
 from simloop.messages import (
+    GYRO,
+    SHOVED,
     EncoderReading,
     Estimate,
     Event,
@@ -147,7 +148,7 @@ class Localiser:
         self._aside.append(aside)
         if abs(sum(self._aside)) > _SHOVE_TICKS * _SHOVE_MPS2:
             self._shoved_until_ns = t_ns + _SHOVE_NS
-            self.health.note(t_ns, reason.SHOVED)
+            self.health.note(t_ns, SHOVED)
         self.ekf.shove_var = _SHOVE_VAR if t_ns < self._shoved_until_ns else 0.0
 
     def _localise(self, scan: LidarScan, estimate: Estimate) -> Estimate:
@@ -209,9 +210,9 @@ class Localiser:
         if alone == "gyro":
             jump = abs(moved[2] - voices.imu[2]) / voices.duration
             doubts[BIAS] = max(_JUMP_RADPS, jump)
-            self.health.note(fix.t_ns, reason.GYRO)
+            self.health.note(fix.t_ns, GYRO)
         else:
-            self.health.note(fix.t_ns, reason.SHOVED)
+            self.health.note(fix.t_ns, SHOVED)
         self.ekf.doubt(fix.t_ns, doubts)
         return self.ekf.correct(fix)
 

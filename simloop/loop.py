@@ -13,26 +13,26 @@ import numpy as np
 
 from simloop.common.profiler import Profiler
 from simloop.evaluation.metrics import RunMetrics
-from simloop.messages import DepthImage, GoalReading, LidarScan, Message
+from simloop.messages import DepthImage, GoalReading, LidarScan
 from simloop.physics.faults import Faults
 from simloop.physics.plant import Plant
 from simloop.robot import Mission, Robot
 from simloop.scenario.build import World, build_world
 from simloop.scenario.scenario import Scenario
 from simloop.sensors import DepthCamera, Encoders, Imu, Lidar
-from simloop.truth import RayFan, Truth
+from simloop.truth import Published, RayFan, Truth
 from simloop.worlds.movers.crowd import Crowd, MovingGoal
 
 _STILL_MPS = 0.01
 _PROGRESS_TICKS = 20
 
-Listener = Callable[[Message], None]
+Listener = Callable[[Published], None]
 
 
 class Recorder(Protocol):
     """Whoever wants to hear every message."""
 
-    def offer(self, message: Message) -> None:
+    def offer(self, message: Published) -> None:
         """Take one message; it is read-only."""
         ...
 
@@ -155,9 +155,9 @@ class Simulation:
 
     def _heard(
         self, scan: LidarScan | None, goal: GoalReading | None, image: DepthImage | None
-    ) -> list[Message]:
+    ) -> list[Published]:
         """What comes less often, and the truth to hold against it."""
-        heard: list[Message] = [message for message in (goal, image) if message is not None]
+        heard: list[Published] = [message for message in (goal, image) if message is not None]
         if scan is None:
             return heard
         heard += [scan, self.plant.track_truth()]
@@ -174,7 +174,7 @@ class Simulation:
         )
         return RunResult(outcome, metrics)
 
-    def _publish(self, messages: Sequence[Message]) -> None:
+    def _publish(self, messages: Sequence[Published]) -> None:
         for listener in self._listeners:
             for message in messages:
                 listener(message)

@@ -14,8 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simloop.truth import LooseTruth, TrackTruth, Truth
-
 LEFT_BELT, RIGHT_BELT = "left belt not heard", "right belt not heard"
 GYRO, NO_IMU, NO_COUNTS = "gyro's bias jumped", "no imu readings", "no encoder counts"
 SHOVED, NO_SCANS = "moved by something else", "no scans"
@@ -25,7 +23,7 @@ NOTHING_SEEN, MISFIT, LOST = "nothing in sight", "scans do not fit", "lost"
 FloatArray = NDArray[np.float64]
 
 
-class _Message:
+class BaseMessage:
     """Base of the messages: freezes every array that a message carries."""
 
     __slots__ = ()
@@ -48,7 +46,7 @@ def _array_getters(kind: Any) -> tuple[Any, ...]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class EncoderReading(_Message):
+class EncoderReading(BaseMessage):
     """Cumulative sprocket counts (980 a turn), quantised."""
 
     t_ns: int
@@ -57,7 +55,7 @@ class EncoderReading(_Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ImuReading(_Message):
+class ImuReading(BaseMessage):
     """gyro_radps, accel_mps2: (3,) in the imu frame, which is parallel to base_link."""
 
     t_ns: int
@@ -66,7 +64,7 @@ class ImuReading(_Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LidarScan(_Message):
+class LidarScan(BaseMessage):
     """One full turn. Beam i was cast at ``t_ns - age_ns[i]``, from the laser's pose then.
 
     angles_rad: (N,) in the laser frame; ranges_m: (N,), inf where nothing came back;
@@ -82,7 +80,7 @@ class LidarScan(_Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DepthImage(_Message):
+class DepthImage(BaseMessage):
     """What a depth camera sees at one instant.
 
     depth_m: (rows, cols) float32 along the optical axis, row 0 on top, inf where nothing came back.
@@ -100,7 +98,7 @@ def pixel_slopes(count: int, focal_px: float) -> FloatArray:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LowObstacles(_Message):
+class LowObstacles(BaseMessage):
     """What the camera has seen and the LiDAR has not: surfaces_m (k, 2) in map."""
 
     t_ns: int
@@ -108,7 +106,7 @@ class LowObstacles(_Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class GoalReading(_Message):
+class GoalReading(BaseMessage):
     """Where a goal that moves is, as the robot is told; position_m: (2,) in map."""
 
     t_ns: int
@@ -116,7 +114,7 @@ class GoalReading(_Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Estimate(_Message):
+class Estimate(BaseMessage):
     """The robot's belief.
 
     state: (9,) x, y, yaw, speed, yaw rate, gyro bias, gauge ratio k, how far the middle of the
@@ -145,7 +143,7 @@ class Estimate(_Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Frames(_Message):
+class Frames(BaseMessage):
     """REP-105: odom_from_base (3,) is smooth and drifts, map_from_odom (3,) jumps with the fixes.
 
     odom_from_base_by_wheels: (3,) what the encoders alone, with the centres of rotation that the
@@ -172,7 +170,7 @@ class Health:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PoseFix(_Message):
+class PoseFix(BaseMessage):
     """A scan-to-map match: pose (3,) of base_link in map at ``t_ns``, with covariance (3, 3).
 
     ``ok`` is False where the match is not to be trusted (too few points, poor overlap).
@@ -186,7 +184,7 @@ class PoseFix(_Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MoverTracks(_Message):
+class MoverTracks(BaseMessage):
     """Things that the robot has seen move, as discs in map at ``t_ns``.
 
     number: (n,) int64, the same for the same thing. position_m, velocity_mps: (n, 2); radius_m:
@@ -212,7 +210,7 @@ class MoverTracks(_Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class WorldView(_Message):
+class WorldView(BaseMessage):
     """What a planner may know of the world, all of it from the robot's own map.
 
     distance_m: (rows, cols) float32, [iy, ix], Euclidean distance from a cell's centre to the
@@ -234,7 +232,7 @@ class WorldView(_Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Plan(_Message):
+class Plan(BaseMessage):
     """A planner's answer: waypoints_m (M, 2) from start to goal, with its account.
 
     cost is J = w1 length + w2 turning (+ penalty when not safe). candidates_m: some of the
@@ -257,7 +255,7 @@ class Plan(_Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SmoothPath(_Message):
+class SmoothPath(BaseMessage):
     """A densely sampled, curvature-continuous path in map.
 
     xy_m: (K, 2); yaw_rad, curvature_1pm, arc_m, clearance_m: (K,). clearance_m is the least
@@ -275,7 +273,7 @@ class SmoothPath(_Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TrackCommand(_Message):
+class TrackCommand(BaseMessage):
     """What the tracker wants: sprocket speeds and the motor voltages that shall bring them.
 
     speed_mps, yaw_rate_radps: the body velocity asked for. mode: what the tracker is doing
@@ -291,7 +289,7 @@ class TrackCommand(_Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MapUpdate(_Message):
+class MapUpdate(BaseMessage):
     """The robot's map at a plan's frame. log_odds: (rows, cols) float32, [iy, ix], 0 unknown.
 
     Cell (0, 0) has its lower left corner at origin_m (2,).
@@ -313,9 +311,7 @@ class Event:
 
 
 Message = (
-    Truth
-    | TrackTruth
-    | EncoderReading
+    EncoderReading
     | ImuReading
     | LidarScan
     | DepthImage
@@ -328,7 +324,6 @@ Message = (
     | Plan
     | SmoothPath
     | TrackCommand
-    | LooseTruth
     | MoverTracks
     | GoalReading
     | MapUpdate

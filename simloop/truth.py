@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from simloop.messages import FloatArray, _Message
+from simloop.messages import BaseMessage, FloatArray, Message
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Truth(_Message):
+class Truth(BaseMessage):
     """What the plant knows and the robot must not: for sensors, metrics and recorder.
 
     pose_xyyaw: (3,) base_link in map, m, m, rad.
@@ -41,7 +41,7 @@ class Truth(_Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TrackTruth(_Message):
+class TrackTruth(BaseMessage):
     """What the tracks truly do, for whoever tests an estimator; the robot must not know it.
 
     slip_mps: (2,) left, right, speed of the belt's surface over the ground along the vehicle, the
@@ -59,7 +59,7 @@ class TrackTruth(_Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LooseTruth(_Message):
+class LooseTruth(BaseMessage):
     """Where things that can move truly are; bodies: (n,) their names, in the model's order.
 
     position_m: (n, 3) of their centres in the world; quaternion_wxyz: (n, 4).
@@ -69,6 +69,10 @@ class LooseTruth(_Message):
     bodies: tuple[str, ...]
     position_m: FloatArray
     quaternion_wxyz: FloatArray
+
+
+Published = Message | Truth | TrackTruth | LooseTruth
+"""Everything that a listener hears: the robot's messages and the ground truth."""
 
 
 class RayCaster(Protocol):

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from simloop import planners
 from simloop.loop import Simulation
 from simloop.messages import Plan, SmoothPath
+from simloop.planners import registry
 from simloop.scenario.load import load
 from simloop.truth import Truth
 
@@ -24,7 +24,7 @@ def plans_of(heard):
     return [m for m in heard if isinstance(m, Plan)]
 
 
-@pytest.mark.parametrize("name", planners.available())
+@pytest.mark.parametrize("name", registry.available())
 def test_every_planner_drives(name):
     """For two seconds; whatever it thinks of the way, it says so and breaks nothing."""
     settings = ("time_limit_s=2.0", "planner.max_evaluations=2000")
@@ -36,7 +36,7 @@ def test_every_planner_drives(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", planners.available())
+@pytest.mark.parametrize("name", registry.available())
 def test_no_planner_harms_the_robot(name):
     for seed in (1000, 1001):
         result, _ = drive("experiment", name, seed=seed)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.stats import ks_2samp
 
-from simloop import planners
+from simloop.planners import registry
 from simloop.planners.metaheuristics import rule_tlbo
 from simloop.planners.metaheuristics.population import Population, minimise
 from simloop.planners.splitmix import make_state
@@ -58,7 +58,7 @@ def ours(rule_class, function, **options):
 
 
 def alike(name, function):
-    return ks_2samp(ours(planners.load(name), function, **OPTIONS.get(name, {})),
+    return ks_2samp(ours(registry.load(name), function, **OPTIONS.get(name, {})),
                     theirs(name, function)).pvalue  # fmt: skip
 
 
@@ -78,7 +78,7 @@ def test_nor_on_other_functions(name, function):
 @pytest.mark.parametrize("name", TAMPERED)
 def test_a_rule_that_was_tampered_with_is_told_apart(name):
     function = FUNCTIONS[name][0]
-    tampered = ours(planners.load(name), function, **TAMPERED[name])
+    tampered = ours(registry.load(name), function, **TAMPERED[name])
     assert ks_2samp(tampered, theirs(name, function)).pvalue < APART
 
 

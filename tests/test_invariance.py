@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from scipy.stats import mannwhitneyu
 
-from simloop import planners
 from simloop.benchmarks.planners.scenes import scene
 from simloop.config import PlannerConfig, VehicleConfig
+from simloop.planners import registry
 from simloop.planners.metaheuristics.population import Rule
 from simloop.planners.registry import make_planner
 
@@ -60,7 +60,7 @@ def placed(kind):
 def costs(name, kind):
     """J of each seed, in the lengths of the world as it was."""
     one, size = placed(kind)
-    rule = hasattr(planners.load(name), "generation")
+    rule = hasattr(registry.load(name), "generation")
     config = PlannerConfig(
         name=name,
         options={"seeding": "uniform"} if rule else {},
@@ -83,7 +83,7 @@ def agree(name, kind):
     return abs(close) < ALIKE_SHARE or mannwhitneyu(as_it_was, changed).pvalue > ALIKE_P
 
 
-CLAIMS = [(n, kind) for n in planners.available() for kind in planners.invariance(n)]
+CLAIMS = [(n, kind) for n in registry.available() for kind in registry.invariance(n)]
 
 
 @pytest.mark.parametrize(("name", "kind"), CLAIMS)
@@ -94,8 +94,8 @@ def test_the_results_agree(name, kind):
 @pytest.mark.parametrize("name", ["tlbo_paper", "tlbo_elitist", "avoa"])
 def test_some_rules_know_where_the_origin_is_and_do_not_claim_otherwise(name):
     """As printed: with T_f = 2 the step of Eq. 21 holds -r mean, whose size is the origin's."""
-    assert planners.invariance(name) == ()
-    assert issubclass(planners.load(name), Rule)
+    assert registry.invariance(name) == ()
+    assert issubclass(registry.load(name), Rule)
 
 
 def test_the_printed_rule_is_seen_to_depend_on_the_origin():

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from simloop import bench_planners
+from simloop.benchmarks.planners import judge
 from simloop.benchmarks.planners.scenes import box_world, disc_world, scene, true_clearance
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import WorldView
@@ -38,8 +38,8 @@ def random_room(seed, count=14):
 
 @pytest.mark.parametrize("name", ["S1", "S2", "S3", "S4a", "S4b"])
 def test_near_the_optimum_and_safe_on_the_scenes(name):
-    todo = [(one, bench_planners.optimum(one)) for one in scene(name)[:4]]
-    at = bench_planners.measure(todo, PlannerConfig(), 12)
+    todo = [(one, judge.optimum(one)) for one in scene(name)[:4]]
+    at = judge.measure(todo, PlannerConfig(), 12)
     assert at["safe"] == 1.0
     # The limits that the project set itself for the median; a path cannot beat the optimum.
     limit = {"S1": 0.14, "S2": 0.11, "S3": 0.53, "S4a": 0.45, "S4b": 0.97}[name]
@@ -49,9 +49,9 @@ def test_near_the_optimum_and_safe_on_the_scenes(name):
 
 def test_precise_is_more_precise():
     one = scene("S1")[0]
-    todo = [(one, bench_planners.optimum(one))]
-    quick = bench_planners.measure(todo, PlannerConfig(), 5)
-    precise = bench_planners.measure(todo, PlannerConfig(precise=True), 5)
+    todo = [(one, judge.optimum(one))]
+    quick = judge.measure(todo, PlannerConfig(), 5)
+    precise = judge.measure(todo, PlannerConfig(precise=True), 5)
     assert precise["gap_p50"] <= 0.04 and precise["gap_p50"] < quick["gap_p50"]
 
 
@@ -70,7 +70,7 @@ def test_rooms_never_seen_before():
         assert found.safe == (clear >= 0.26 - 1e-3)
         if best is not None:
             solved += found.safe
-            gaps.append(bench_planners.path_cost(found.waypoints_m) / best.cost - 1.0)
+            gaps.append(judge.path_cost(found.waypoints_m) / best.cost - 1.0)
     assert solved == len(gaps) >= 20
     assert np.median(gaps) < 1e-3 and max(gaps) < 0.08 and min(gaps) > -1e-6
 
@@ -147,7 +147,7 @@ def test_the_account_is_honest():
     found = plan(one.world, one.start, one.goal)
     # A class of 100, two evaluations a learner a generation; routes and trials come on top.
     assert found.evaluations > 100 + 200 * found.generations > 100
-    assert found.cost == pytest.approx(bench_planners.path_cost(found.waypoints_m), abs=1e-9)
+    assert found.cost == pytest.approx(judge.path_cost(found.waypoints_m), abs=1e-9)
     assert found.candidates_m and all(
         c.shape == found.waypoints_m.shape for c in found.candidates_m
     )
@@ -195,7 +195,7 @@ def test_the_registry_names_what_it_knows():
 
 
 def test_the_benchs_figures(monkeypatch):
-    found = bench_planners.run(plans=1, precise=1)
+    found = judge.run(plans=1, precise=1)
     assert list(found) == ["scenes", "machine", "versions"]
     assert list(found["scenes"]) == ["S1", "S2", "S3", "S4a", "S4b"]
     keys = {"ms_p50", "ms_p99", "gap_p50", "gap_p95", "safe", "std", "evaluations", "plans"}

@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from simloop import planners
 from simloop.benchmarks.planners.scenes import scene
 from simloop.config import PlannerConfig, VehicleConfig
+from simloop.planners import registry
 from simloop.planners.metaheuristics.population import Population, minimise
 from simloop.planners.registry import make_planner
 from simloop.planners.splitmix import make_state
 from tests.standard_functions import NAMES, StandardFunction
 
 POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))
-RULES = [n for n in planners.available() if hasattr(planners.load(n), "generation")]
+RULES = [n for n in registry.available() if hasattr(registry.load(n), "generation")]
 
 
 class Watched(StandardFunction):
@@ -33,7 +33,7 @@ class Watched(StandardFunction):
 def run(name, objective, budget=3000, size=20, seed=0, first=None):
     state = make_state(np.random.default_rng(seed))
     population = Population(objective, size, budget, state)
-    minimise(planners.load(name)(), population, first)
+    minimise(registry.load(name)(), population, first)
     return population
 
 
@@ -110,7 +110,7 @@ def test_every_rule_plans_and_the_account_is_honest(name):
 )
 def test_options_that_make_no_sense_are_refused_in_one_line(options, said):
     with pytest.raises(ValueError, match=said) as error:
-        planners.check_options("de", options)
+        registry.check_options("de", options)
     assert "\n" not in str(error.value)
 
 

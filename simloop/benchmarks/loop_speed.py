@@ -20,12 +20,13 @@ from simloop.common.profiler import Profiler
 from simloop.common.terminal import print_table
 from simloop.evaluation.provenance import machine, versions
 from simloop.loop import Simulation
-from simloop.messages import FloatArray, Message, TrackCommand
+from simloop.messages import FloatArray, TrackCommand
 from simloop.physics.plant import Plant
 from simloop.recording.listeners import recorder_for
 from simloop.scenario.build import World, build_world
 from simloop.scenario.scenario import Scenario
 from simloop.sensors import Lidar
+from simloop.truth import Published
 from simloop.warmup import warm_up
 
 _SCANS = 200
@@ -112,7 +113,7 @@ class _Heard:
     def __init__(self) -> None:
         self.voltages: list[FloatArray] = []
 
-    def __call__(self, message: Message) -> None:
+    def __call__(self, message: Published) -> None:
         if isinstance(message, TrackCommand):
             self.voltages.append(message.voltage_v)
 

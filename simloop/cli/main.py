@@ -105,15 +105,15 @@ def _about(
 @app.command("list")
 def list_choices() -> int:
     """Show the scenarios, planners and arenas that can be named."""
-    from simloop import planners
     from simloop.common.terminal import print_table
+    from simloop.planners import registry
     from simloop.scenario import catalog
 
     console = Console()
     facts = {name: catalog.scenario_facts(path) for name, path in catalog.scenario_files().items()}
     rows = [[name, fact["title"], fact["description"]] for name, fact in facts.items()]
     print_table(console, "scenarios", ["name", "title", "description"], rows)
-    about = [[name, planners.summary(name)] for name in catalog.planner_names()]
+    about = [[name, registry.summary(name)] for name in catalog.planner_names()]
     print_table(console, "planners", ["name", "description"], about)
     print_table(console, "arenas", ["name"], [[name] for name in catalog.arena_files()])
     return 0

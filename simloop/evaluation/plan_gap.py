@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from simloop.config import PlannerConfig
-from simloop.messages import FloatArray, Message, Plan, WorldView
+from simloop.messages import FloatArray, Plan, WorldView
 from simloop.planners.reference.exact import exact_path
+from simloop.truth import Published
 
 _HERE_M = 0.01
 _TOUCH_M = 1e-6
@@ -49,7 +50,7 @@ class PlanLog:
         self._plans: list[Plan] = []
         self._views: dict[int, WorldView] = {}
 
-    def offer(self, message: Message) -> None:
+    def offer(self, message: Published) -> None:
         """Take one message."""
         if isinstance(message, Plan):
             self._plans.append(message)

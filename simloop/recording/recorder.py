@@ -30,7 +30,6 @@ from simloop.messages import (
     LidarScan,
     LowObstacles,
     MapUpdate,
-    Message,
     MoverTracks,
     Plan,
     SmoothPath,
@@ -50,7 +49,7 @@ from simloop.recording.columns import (
 from simloop.recording.images import depth_columns, occupancy, pinhole
 from simloop.recording.scene_log import BASE, CAMERA, MAP, ODOM, log_scene
 from simloop.recording.shapes import Body, Shape
-from simloop.truth import LooseTruth, Truth
+from simloop.truth import LooseTruth, Published, Truth
 
 TIMELINE = "sim_time"
 _FLUSH_NS = 1_000_000_000
@@ -68,7 +67,7 @@ _log = logging.getLogger(__name__)
 class Recorder(Protocol):
     """Whoever wants to hear every message of a run."""
 
-    def offer(self, message: Message) -> None:
+    def offer(self, message: Published) -> None:
         """Take one message; it is read-only."""
         ...
 
@@ -80,7 +79,7 @@ class Recorder(Protocol):
 class NullRecorder:
     """Hears and keeps nothing."""
 
-    def offer(self, message: Message) -> None:
+    def offer(self, message: Published) -> None:
         """Pass over a message."""
 
     def close(self) -> None:
@@ -140,7 +139,7 @@ class RerunRecorder:
         log_scene(self._stream, shapes, bodies, np.array(goal[:2], float), mounts, self._vehicle)
         self._name_series()
 
-    def offer(self, message: Message) -> None:
+    def offer(self, message: Published) -> None:
         """Take one message; about once a simulated second, write all of those that were taken."""
         if self._open:
             # The truth opens a tick, so all that was kept belongs to whole ticks.

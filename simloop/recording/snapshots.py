@@ -23,7 +23,6 @@ from simloop.messages import (
     GoalReading,
     LidarScan,
     MapUpdate,
-    Message,
     Plan,
     SmoothPath,
     TrackCommand,
@@ -31,7 +30,7 @@ from simloop.messages import (
 )
 from simloop.recording.belief_picture import PAPER, Belief, Image, PlannerView, write_text
 from simloop.recording.offscreen import _NoOpenGL, _Stage
-from simloop.truth import LooseTruth, Truth
+from simloop.truth import LooseTruth, Published, Truth
 from simloop.worlds.arena import bounds_of
 
 _log = logging.getLogger(__name__)
@@ -86,7 +85,7 @@ class Snapshots:
             self._take[kind] = self._keep
         self._take[LooseTruth] = self._take[GoalReading] = self._keep
 
-    def offer(self, message: Message) -> None:
+    def offer(self, message: Published) -> None:
         """Take one message; those of no use here are passed over."""
         take = self._take.get(type(message))
         if take is not None:
@@ -109,7 +108,7 @@ class Snapshots:
         _write(sheet, self._sheet(tiles))
         return sheet
 
-    def _keep(self, message: Message) -> None:
+    def _keep(self, message: Published) -> None:
         self._latest[type(message)] = message
         if isinstance(message, LidarScan):
             self._scan_pose = None

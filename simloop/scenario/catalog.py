@@ -5,8 +5,8 @@ from __future__ import annotations
 import tomllib
 from pathlib import Path
 
-from simloop import planners
 from simloop.common import data_files as paths
+from simloop.planners import registry
 
 
 def scenario_files() -> dict[str, Path]:
@@ -21,7 +21,7 @@ def arena_files() -> dict[str, Path]:
 
 def planner_names() -> tuple[str, ...]:
     """The names that ``planner.name`` may have."""
-    return planners.available()
+    return registry.available()
 
 
 def scenario_facts(path: Path) -> dict[str, str]:

@@ -13,10 +13,10 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from simloop import planners
 from simloop.common.errors import InputError, did_you_mean
 from simloop.config import Config
 from simloop.mapping.map_files import load_map
+from simloop.planners import registry
 from simloop.scenario.catalog import arena_files, planner_names, scenario_files
 from simloop.scenario.explain import _clip, _first_line, _short
 from simloop.scenario.scenario import ARENA_FILES, Scenario
@@ -163,7 +163,7 @@ def _check_names(scenario: Scenario, *, source: str) -> None:
         raise InputError(f"{source}: planner.name: unknown planner '{name}'{hint}")
     if scenario.config.planner.options:
         try:
-            planners.check_options(name, dict(scenario.config.planner.options))
+            registry.check_options(name, dict(scenario.config.planner.options))
         except ValueError as error:
             raise InputError(f"{source}: planner.options: {error}") from None
     if scenario.config.slam.prior_map:

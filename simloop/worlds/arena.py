@@ -19,24 +19,10 @@ from simloop.common.data_files import models_dir
 from simloop.config import PayloadConfig
 from simloop.messages import FloatArray
 from simloop.physics.vehicle_geoms import SEEN_GROUPS
-from simloop.worlds.floor_plan import FloorPlan, Section
-from simloop.worlds.generators.clutter import draw_clutter
 from simloop.worlds.mjcf_ground import add_loose, add_movers, add_terrain
 from simloop.worlds.movers.settings import Mover
 from simloop.worlds.obstacles import Obstacle
 from simloop.worlds.terrain import Loose, Terrain
-
-__all__ = [
-    "FloorPlan",
-    "Obstacle",
-    "Section",
-    "arena_names",
-    "arena_path",
-    "bounds_of",
-    "build",
-    "draw_clutter",
-    "floor_plan",
-]
 
 _MATERIALS = ("oak", "teal", "brick", "mustard", "slate", "sage", "plum")
 _OVERLAP_M = 0.001

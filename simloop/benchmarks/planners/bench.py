@@ -11,7 +11,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from simloop import bench_planners, planners
+from simloop.benchmarks.planners import judge
 from simloop.benchmarks.planners.jobs import make_jobs, run_jobs
 from simloop.benchmarks.planners.scenes import SCENE_NAMES
 from simloop.benchmarks.planners.tasks import (
@@ -34,10 +34,11 @@ from simloop.common.errors import InputError, did_you_mean
 from simloop.config import PlannerConfig
 from simloop.evaluation.provenance import machine, versions
 from simloop.evaluation.statistics import compare
+from simloop.planners import registry
 
 LEAD = "tlbo"
 BUDGET, SEEDS, FEW, LEARNERS = 5_000, 12, 3, 100
-_LEAD_PLANS = {LEAD: bench_planners.PLANS, PRECISE: bench_planners.PLANS_PRECISE}
+_LEAD_PLANS = {LEAD: judge.PLANS, PRECISE: judge.PLANS_PRECISE}
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +106,7 @@ def names(given: list[str] | None) -> tuple[str, ...]:
 
 def planner_names() -> tuple[str, ...]:
     """The planners that can be compared."""
-    return (*planners.available(), PRECISE)
+    return (*registry.available(), PRECISE)
 
 
 def available_planners() -> tuple[str, ...]:
@@ -179,7 +180,7 @@ def _time(result: Result, names: Sequence[str], bar: Progress) -> None:
         if result.request.seeds is None and name in _LEAD_PLANS and scene in SCENE_NAMES:
             todo = [(task.instance, task.best) for task in tasks if task.best is not None]
             config = PlannerConfig(name=LEAD, precise=name == PRECISE)
-            result.lead[scene, name] = bench_planners.measure(todo, config, _LEAD_PLANS[name])
+            result.lead[scene, name] = judge.measure(todo, config, _LEAD_PLANS[name])
             continue
         one = tasks[0].instance
         if handles(name, one):

@@ -8,11 +8,11 @@ from time import perf_counter
 
 import numpy as np
 
-from simloop import planners
 from simloop.benchmarks.planners.judge import Verdict, judge, path_cost
 from simloop.benchmarks.planners.scenes import Instance
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray, Plan
+from simloop.planners import registry
 from simloop.planners.protocol import Planner
 from simloop.planners.reactive.online import OnlineWorld, simulate
 from simloop.planners.reference.reference import Reference, kind_of
@@ -63,7 +63,7 @@ def moving_instance(online: OnlineWorld) -> MovingInstance:
 
 def is_rule(name: str) -> bool:
     """Whether a planner is an update rule on the common engine."""
-    return name != PRECISE and hasattr(planners.load(name), "generation")
+    return name != PRECISE and hasattr(registry.load(name), "generation")
 
 
 def is_by_chance(name: str) -> bool:
@@ -78,7 +78,7 @@ def is_slow(name: str) -> bool:
 
 def handles(name: str, instance: Instance) -> bool:
     """Whether a planner has an answer for this kind of world."""
-    made = planners.load("tlbo" if name == PRECISE else name)
+    made = registry.load("tlbo" if name == PRECISE else name)
     if isinstance(instance, MovingInstance):
         return hasattr(made, "steering")
     if isinstance(made, type) and issubclass(made, Reference):
