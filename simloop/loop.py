@@ -6,11 +6,12 @@ import gc
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
 
+from simloop.common.compile_listener import Report, listening, silent
 from simloop.common.profiler import Profiler
 from simloop.evaluation.metrics import RunMetrics
 from simloop.messages import DepthImage, GoalReading, LidarScan
@@ -22,6 +23,9 @@ from simloop.scenario.scenario import Scenario
 from simloop.sensors import DepthCamera, Encoders, Imu, Lidar
 from simloop.truth import Published, RayFan, Truth
 from simloop.worlds.movers.crowd import Crowd, MovingGoal
+
+_WARM_UP_S = 0.5
+
 
 _STILL_MPS = 0.01
 _PROGRESS_TICKS = 20
@@ -214,3 +218,14 @@ def _no_collector() -> Iterator[None]:
     finally:
         if was_on:
             gc.enable()
+
+
+def warm_up(scenario: Scenario, world: World, report: Report = silent) -> int:
+    """Run half a simulated second, thrown away, so that every stage's kernels are ready.
+
+    report: called with a kernel's name and its number just before it is compiled; never, where
+    all come from the cache. Returns how many were compiled.
+    """
+    with listening(report) as listener:
+        Simulation(replace(scenario, time_limit_s=_WARM_UP_S), world=world).run()
+    return listener.count

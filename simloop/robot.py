@@ -12,6 +12,7 @@ import numpy as np
 
 from simloop.common.profiler import Profiler
 from simloop.config import Config
+from simloop.control.arbiter import rear_first
 from simloop.control.collision_monitor import CollisionMonitor
 from simloop.control.recovery import Recovery
 from simloop.control.separation import Separation
@@ -41,7 +42,6 @@ from simloop.navigation.gap_choice import WidthPlanner
 from simloop.navigation.moving_goal import Pursuit
 from simloop.navigation.planner_world import foresee, opened
 from simloop.perception.low_obstacles import LowObstacleMap, looking_ahead
-from simloop.reversing import rear_first
 from simloop.tracker import Drive, Tracker
 
 _BLOCKED_SLACK_M = 0.02  # the map's grain: a path is blocked only when it is clearly so

@@ -12,11 +12,11 @@ from test_bezier import smooth
 from test_tracker import CONFIG, ENCODER, MOTOR, VEHICLE, K, at_pose, estimate_of, tracker_to
 from vehicles import plant_on_plane
 
+from simloop.control.arbiter import rear_first
 from simloop.control.collision_monitor import CollisionMonitor
 from simloop.geometry.se2 import about_face, wrap_angle
 from simloop.loop import Simulation
 from simloop.messages import TrackCommand
-from simloop.reversing import rear_first
 from simloop.scenario.load import load
 from simloop.sensors import Encoders
 from simloop.tracker import Drive

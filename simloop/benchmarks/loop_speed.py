@@ -19,7 +19,7 @@ from rich.console import Console
 from simloop.common.profiler import Profiler
 from simloop.common.terminal import print_table
 from simloop.evaluation.provenance import machine, versions
-from simloop.loop import Simulation
+from simloop.loop import Simulation, warm_up
 from simloop.messages import FloatArray, TrackCommand
 from simloop.physics.plant import Plant
 from simloop.recording.listeners import recorder_for
@@ -27,7 +27,6 @@ from simloop.scenario.build import World, build_world
 from simloop.scenario.scenario import Scenario
 from simloop.sensors import Lidar
 from simloop.truth import Published
-from simloop.warmup import warm_up
 
 _SCANS = 200
 

@@ -148,7 +148,7 @@ def run_scenario(
     # Nothing has been written so far, and from here on nothing can be wrong with the input.
     console, notes = Console(quiet=quiet), Console(stderr=True, quiet=quiet)
     with compiling_shown(notes) as report:
-        from simloop.warmup import warm_up
+        from simloop.loop import warm_up
 
         warm_up(wanted, world, report)
     outputs.prepare()
