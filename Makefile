@@ -13,7 +13,7 @@ export NUMBA_NUM_THREADS ?= 1
 help:
 	@echo "make demo   the robot crosses the room; recording, pictures and figures in $(RUN)/"
 	@echo "make test   the tests (a few minutes)      make slow   the long ones"
-	@echo "make lint   ruff and mypy                  make bench  speed and planners, as JSON"
+	@echo "make lint   ruff, mypy, import rules       make bench  speed and planners, as JSON"
 
 setup: $(READY)
 
@@ -40,6 +40,7 @@ slow: $(READY)
 lint: $(READY)
 	@$(PY) -m ruff check .
 	@$(PY) -m mypy
+	@$(VENV)/bin/lint-imports
 
 bench: $(READY)
 	@mkdir -p runs/bench

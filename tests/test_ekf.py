@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.vehicles import plant_on_plane
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
-from vehicles import plant_on_plane
 
 from simloop.common.profiler import Profiler
 from simloop.config import EkfConfig, EncoderConfig, ImuConfig, VehicleConfig

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.rooms import ANGLES, Room
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rooms import ANGLES, Room
 
 from simloop.config import SlamConfig, VehicleConfig
 from simloop.geometry.se2 import wrap_angle

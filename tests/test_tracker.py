@@ -6,29 +6,14 @@ import math
 
 import numpy as np
 import pytest
-from test_bezier import smooth
-from vehicles import plant_on_plane
+from helpers.paths import smooth
+from helpers.tracking import CONFIG, ENCODER, MOTOR, VEHICLE, K, at_pose, estimate_of, tracker_to
+from helpers.vehicles import plant_on_plane
 
-from simloop.config import EncoderConfig, MotorConfig, TrackerConfig, VehicleConfig
-from simloop.ekf import GAUGE
 from simloop.geometry.se2 import wrap_angle
 from simloop.messages import EncoderReading, Estimate
 from simloop.sensors import Encoders
-from simloop.tracker import SPEED, Drive, Tracker, speed_profile, sprocket_speeds
-
-CONFIG, VEHICLE, MOTOR, ENCODER = TrackerConfig(), VehicleConfig(), MotorConfig(), EncoderConfig()
-K = 1.0 / 0.811
-
-
-def estimate_of(truth, t_ns=None) -> Estimate:
-    state = np.zeros(7)
-    state[:3] = truth.pose_xyyaw
-    state[3], state[4], state[GAUGE] = truth.velocity_body[0], truth.velocity_body[5], K
-    return Estimate(truth.t_ns if t_ns is None else t_ns, state, np.eye(7) * 1e-6)
-
-
-def tracker_to(goal, tolerance=0.10):
-    return Tracker(CONFIG, VEHICLE, 0.26, np.array(goal, float), tolerance, 0.01)
+from simloop.tracker import SPEED, Drive, speed_profile, sprocket_speeds
 
 
 def drive_along(points, start, goal=None, seconds=40.0):
@@ -136,12 +121,6 @@ def test_speed_is_lower_in_bends_and_near_obstacles():
     braking = np.diff(profile**2) / (2 * np.diff(path.arc_m))
     assert braking.min() >= -CONFIG.max_decel_mps2 - 1e-6
     assert math.isclose(profile.max(), CONFIG.max_speed_mps, rel_tol=1e-6)
-
-
-def at_pose(x, y, yaw, t_s=0.0):
-    state = np.zeros(7)
-    state[:3], state[GAUGE] = (x, y, yaw), K
-    return Estimate(round(t_s * 1e9), state, np.eye(7))
 
 
 AHEAD = 0.6  # rad, which way the straight path leads

@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 import pytest
+from helpers.paths import smooth
+from helpers.tracking import CONFIG, ENCODER, MOTOR, VEHICLE, K, at_pose, estimate_of, tracker_to
+from helpers.vehicles import plant_on_plane
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_bezier import smooth
-from test_tracker import CONFIG, ENCODER, MOTOR, VEHICLE, K, at_pose, estimate_of, tracker_to
-from vehicles import plant_on_plane
 
 from simloop.control.arbiter import rear_first
 from simloop.control.collision_monitor import CollisionMonitor

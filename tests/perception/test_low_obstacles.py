@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.truths import truth_at
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
-from test_sensors import truth_at
 
 from simloop.config import CameraConfig, Config, LowObstaclesConfig, RatesConfig, SlamConfig
 from simloop.control.collision_monitor import CollisionMonitor

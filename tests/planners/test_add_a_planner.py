@@ -10,15 +10,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.standard_functions import StandardFunction
 
 from simloop.benchmarks.planners.scenes import scene
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.planners.metaheuristics.population import Population, minimise
 from simloop.planners.metaheuristics.population_planner import PopulationPlanner
 from simloop.planners.splitmix import make_state
-from tests.standard_functions import StandardFunction
 
-PAGE = Path(__file__).parents[1] / "docs" / "add_a_planner.md"
+PAGE = Path(__file__).parents[2] / "docs" / "add_a_planner.md"
 POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))
 
 

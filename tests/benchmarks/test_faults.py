@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from vehicles import plant_on_plane
+from helpers.vehicles import plant_on_plane
 
 from simloop.benchmarks import faults as bench_faults
 from simloop.common.errors import InputError

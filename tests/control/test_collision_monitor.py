@@ -7,9 +7,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from helpers.vehicles import plant_on_plane
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from vehicles import plant_on_plane
 
 from simloop.config import EncoderConfig, MotorConfig, TrackerConfig, VehicleConfig
 from simloop.control.collision_monitor import CollisionMonitor, steadied

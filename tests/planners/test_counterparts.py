@@ -11,14 +11,14 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.stats import ks_2samp
+from tests.standard_functions import StandardFunction
 
 from simloop.planners import registry
 from simloop.planners.metaheuristics import rule_tlbo
 from simloop.planners.metaheuristics.population import Population, minimise
 from simloop.planners.splitmix import make_state
-from tests.standard_functions import StandardFunction
 
-counterparts = pytest.importorskip("counterparts")  # mealpy, pymoo
+counterparts = pytest.importorskip("helpers.counterparts")  # mealpy, pymoo
 
 RUNS, DIMENSIONS = 60, 4
 ALIKE, APART = 0.01, 1e-3

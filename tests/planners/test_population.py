@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.standard_functions import NAMES, StandardFunction
 
 from simloop.benchmarks.planners.scenes import scene
 from simloop.config import PlannerConfig, VehicleConfig
@@ -13,7 +14,6 @@ from simloop.planners import registry
 from simloop.planners.metaheuristics.population import Population, minimise
 from simloop.planners.registry import make_planner
 from simloop.planners.splitmix import make_state
-from tests.standard_functions import NAMES, StandardFunction
 
 POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))
 RULES = [n for n in registry.available() if hasattr(registry.load(n), "generation")]

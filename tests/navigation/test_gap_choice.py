@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_bezier import view_of
+from helpers.paths import view_of
 
 from simloop.config import Config, PlannerConfig
 from simloop.navigation.gap_choice import WidthPlanner, left_of

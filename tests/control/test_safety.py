@@ -11,9 +11,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.stopping import (
+    CONFIG,
+    HALF,
+    VEHICLE,
+    at_arc,
+    box,
+    drive_blindly,
+    gaps,
+    in_frame,
+    samples,
+)
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from stopping import CONFIG, HALF, VEHICLE, at_arc, box, drive_blindly, gaps, in_frame, samples
 
 from simloop.control.collision_monitor import CollisionMonitor, allowed_part
 from simloop.geometry.footprint import free_fraction

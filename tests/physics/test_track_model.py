@@ -7,8 +7,8 @@ import math
 import mujoco
 import numpy as np
 import pytest
+from helpers.vehicles import plant_on_plane
 from scipy.optimize import brentq
-from vehicles import plant_on_plane
 
 from simloop.config import (
     Config,

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.paths import view_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_bezier import view_of
 
 from simloop.config import Config, PlannerConfig, VehicleConfig
 from simloop.messages import WorldView

@@ -9,9 +9,9 @@ import sys
 
 import numpy as np
 import pytest
+from helpers.rooms import Room, box
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rooms import Room, box
 
 from simloop.common.errors import InputError
 from simloop.geometry.se2 import between, compose

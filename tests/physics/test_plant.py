@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
-from vehicles import plant_on_plane
+from helpers.vehicles import plant_on_plane
 
 from simloop.config import Config, MotorConfig
 from simloop.physics.plant import Plant

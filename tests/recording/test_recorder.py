@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from synthetic_run import GOAL, OFF, SyntheticRun
+from helpers.synthetic_run import GOAL, OFF, SyntheticRun
 
 from simloop.geometry.se2 import compose, compose_all
 from simloop.messages import DepthImage, LowObstacles, MapUpdate, Plan, WorldView
@@ -220,6 +220,7 @@ def test_a_full_disk_is_told_in_one_line_and_what_fitted_is_readable(
         f"""
         import resource, sys
         from pathlib import Path
+        sys.path.insert(0, {str(Path(__file__).parents[1])!r})
         sys.path.insert(0, {str(Path(__file__).parent)!r})
         from test_recorder import MODEL, SyntheticRun, recorder_to
         recorder = recorder_to(Path({str(path)!r}))

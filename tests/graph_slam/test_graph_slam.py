@@ -8,9 +8,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from helpers.rooms import ANGLES, Room, box
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rooms import ANGLES, Room, box
 
 from simloop.geometry.se2 import between, compose, wrap_angle
 from simloop.graph_slam.map_localiser import Localiser, relocalise

@@ -10,7 +10,7 @@ import cv2
 import mujoco
 import numpy as np
 import pytest
-from synthetic_run import GOAL, OFF, SyntheticRun
+from helpers.synthetic_run import GOAL, OFF, SyntheticRun
 
 from simloop.config import VehicleConfig
 from simloop.messages import LidarScan, MapUpdate, Plan, SmoothPath, WorldView
