@@ -14,7 +14,7 @@ import numpy as np
 from simloop.common.compile_listener import Report, listening, silent
 from simloop.common.profiler import Profiler
 from simloop.evaluation.metrics import RunMetrics
-from simloop.messages import DepthImage, GoalReading, LidarScan
+from simloop.messages import DepthImage, GoalReading, LidarScan, Readings, RobotStatus
 from simloop.physics.faults import Faults
 from simloop.physics.plant import Plant
 from simloop.robot import Mission, Robot
@@ -29,6 +29,11 @@ _WARM_UP_S = 0.5
 
 _STILL_MPS = 0.01
 _PROGRESS_TICKS = 20
+_GAVE_UP = {
+    RobotStatus.LOST: "lost",
+    RobotStatus.UNREACHABLE: "unreachable",
+    RobotStatus.GAVE_UP: "stuck",
+}
 
 Listener = Callable[[Published], None]
 
@@ -137,7 +142,7 @@ class Simulation:
                 faults.at(truth.t_ns)
                 scan = faults.scan(self._sweep(before, truth, self._rays), truth.t_ns)
                 image = faults.image(self._shoot(truth, self.plant), truth.t_ns)
-                command = self.robot.step(encoders, imu, scan, goal, image)
+                command = self.robot.step(Readings(encoders, imu, scan, goal, image))
                 voltage = command.voltage_v
                 heard = self._heard(scan, goal, image)
                 self._publish([truth, encoders, imu, *heard, command])
@@ -190,16 +195,14 @@ class Simulation:
         """How the run ended, or nothing while it goes on. Only the referee knows the truth."""
         if truth.contact_count:
             return "collision"
-        still = self._moving_goal is not None or abs(truth.velocity_body[0]) < _STILL_MPS
-        if self.robot.arrived and still:
+        status = self.robot.status
+        if status is RobotStatus.ARRIVED:
+            still = self._moving_goal is not None or abs(truth.velocity_body[0]) < _STILL_MPS
             near = self._distance(truth) <= self.scenario.goal_tolerance_m
-            return "reached" if near else "missed"
-        if self.robot.lost:
-            return "lost"
-        if self.robot.unreachable:
-            return "unreachable"
-        if self.robot.gave_up:
-            return "stuck"
+            if still:
+                return "reached" if near else "missed"
+        elif status is not RobotStatus.DRIVING:
+            return _GAVE_UP[status]
         return "timeout" if truth.t_ns >= self._limit_ns else ""
 
 

@@ -8,6 +8,7 @@ in integer nanoseconds. Arrays inside a message are read-only.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
+from enum import StrEnum
 from functools import cache
 from typing import Any
 
@@ -111,6 +112,39 @@ class GoalReading(BaseMessage):
 
     t_ns: int
     position_m: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Readings:
+    """All sensor readings of one control period, which is everything that the robot learns.
+
+    Attributes:
+        encoders: Sprocket counts, every period.
+        imu: Rates and accelerations, every period.
+        scan: A full turn of the LiDAR, in the periods in which one ends.
+        goal: Where the goal is, if it moves and there is news of it.
+        image: A depth image, if there is a camera and one is due.
+    """
+
+    encoders: EncoderReading
+    imu: ImuReading
+    scan: LidarScan | None = None
+    goal: GoalReading | None = None
+    image: DepthImage | None = None
+
+
+class RobotStatus(StrEnum):
+    """What the robot says of its own mission."""
+
+    DRIVING = "driving"
+    ARRIVED = "arrived"
+    """It believes that it stands within the goal's tolerance."""
+    LOST = "lost"
+    """It has not known where it is for too long to go on searching."""
+    UNREACHABLE = "unreachable"
+    """It takes its goal for closed off."""
+    GAVE_UP = "gave_up"
+    """It was stuck, and recovered in vain too often."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

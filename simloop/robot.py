@@ -26,13 +26,12 @@ from simloop.messages import (
     Estimate,
     Event,
     FloatArray,
-    GoalReading,
-    ImuReading,
-    LidarScan,
     LowObstacles,
     MapUpdate,
     Message,
     Plan,
+    Readings,
+    RobotStatus,
     TrackCommand,
     WorldView,
 )
@@ -114,32 +113,22 @@ class Robot:
         return self._tracker.arrived
 
     @property
-    def gave_up(self) -> bool:
-        """Whether recoveries have been tried too often."""
-        return self._recovery.exhausted
+    def status(self) -> RobotStatus:
+        """What the robot says of its mission; the first that holds."""
+        if self._tracker.arrived:
+            return RobotStatus.ARRIVED
+        if self._localiser.gave_up:
+            return RobotStatus.LOST
+        if self._reach.hopeless:
+            return RobotStatus.UNREACHABLE
+        if self._recovery.exhausted:
+            return RobotStatus.GAVE_UP
+        return RobotStatus.DRIVING
 
-    @property
-    def unreachable(self) -> bool:
-        """Whether it takes its goal for closed off."""
-        return self._reach.hopeless
-
-    @property
-    def lost(self) -> bool:
-        """Whether it has not known where it is for too long to go on looking."""
-        return self._localiser.gave_up
-
-    def step(
-        self,
-        encoders: EncoderReading,
-        imu: ImuReading,
-        scan: LidarScan | None,
-        goal: GoalReading | None = None,
-        image: DepthImage | None = None,
-    ) -> TrackCommand:
-        """Take one period's readings; answer with the command for the next period.
-
-        goal: where it is now, if it moves and there is news of it. image: of the depth camera.
-        """
+    def step(self, readings: Readings) -> TrackCommand:
+        """Take the readings of one control period; return the command for the next period."""
+        encoders, imu, scan = readings.encoders, readings.imu, readings.scan
+        goal, image = readings.goal, readings.image
         self.said.clear()
         localiser = self._localiser
         encoders = self._counts.believed(encoders, self._sprocket_radps)

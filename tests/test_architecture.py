@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import dataclasses
 import inspect
 import subprocess
 import sys
@@ -92,7 +93,8 @@ def test_every_front_door_and_package_of_the_robot_exists():
 
 def test_the_robot_takes_sensor_messages_only():
     taken = inspect.signature(Robot.step).parameters
-    assert [p.annotation for p in taken.values()][1:] == [
+    assert [p.annotation for p in taken.values()][1:] == ["Readings"]
+    assert [f.type for f in dataclasses.fields(messages.Readings)] == [
         "EncoderReading",
         "ImuReading",
         "LidarScan | None",

@@ -12,9 +12,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from simloop.worlds.arena import arena_names, arena_path, bounds_of, build
-from simloop.worlds.generators.clutter import draw_clutter
 from simloop.worlds.cross_section import floor_plan, section_of_geom
 from simloop.worlds.floor_plan import BAND_M, Section, is_blocked, is_passable, rasterise
+from simloop.worlds.generators.clutter import draw_clutter
 from simloop.worlds.obstacles import Obstacle
 
 START, GOAL = np.zeros(2), np.array([3.6, 3.9])
