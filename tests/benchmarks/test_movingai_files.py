@@ -20,7 +20,7 @@ from simloop.benchmarks.planners.trials import settings as trial_settings
 from simloop.benchmarks.planners.trials import try_once
 from simloop.common.errors import InputError
 
-MAP = "type octile\nheight 4\nwidth 6\nmap\n......\n.T..\n.@..W.\n......\n"
+MAP = "type octile\nheight 4\nwidth 6\nmap\n......\n.@@T..\n.@..W.\n......\n"
 SCEN = "version 1\n0\tm.map\t6\t4\t0\t0\t5\t3\t8.5\n1\tm.map\t6\t4\t0\t3\t2\t2\t4.0\n"
 
 

@@ -40,7 +40,7 @@ def test_list_names_everything_that_can_be_chosen():
 def test_nothing_slow_is_imported_for_help_and_list():
     code = (
         "import sys; sys.argv = ['simloop', 'list']\n"
-        "from simloop import cli\n"
+        "from simloop.cli import main as cli\n"
         "try: cli.main()\nexcept SystemExit: pass\n"
         "print([m for m in ('numpy', 'numba', 'mujoco', 'cv2', 'rerun') if m in sys.modules])"
     )
