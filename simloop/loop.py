@@ -146,7 +146,7 @@ class Simulation:
                 voltage = command.voltage_v
                 heard = self._heard(scan, goal, image)
                 self._publish([truth, encoders, imu, *heard, command])
-                self._publish(self.robot.said)
+                self._publish(self.robot.messages)
                 outcome, ticks = self._outcome(truth), ticks + 1
                 if progress and not outcome and ticks % _PROGRESS_TICKS == 0:
                     goes_on = progress(truth.t_ns * 1e-9, self._distance(truth))

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,6 +133,40 @@ class Readings:
     image: DepthImage | None = None
 
 
+class Velocity(NamedTuple):
+    """A velocity of base_link: forward speed, m/s, and yaw rate, rad/s, counter-clockwise."""
+
+    speed_mps: float
+    yaw_rate_radps: float
+
+
+class Mode(StrEnum):
+    """What the robot does with its tracks."""
+
+    FOLLOW = "follow"
+    """It follows its path."""
+    TURN = "turn"
+    """It turns on the spot, as its path asks."""
+    STOP = "stop"
+    """It has no path."""
+    ARRIVED = "arrived"
+    """It stands within the goal's tolerance."""
+    WAIT = "wait"
+    """The watchdog lets it not drive."""
+    HELD = "held"
+    """Something that stands is in the way of what path tracking asks for."""
+    YIELD = "yield"
+    """Something that moves is."""
+    DODGE = "dodge"
+    """It gets out of the way of something that moves."""
+    BACK_OFF = "back_off"
+    """It was stuck, and frees itself."""
+    DEGRADED = "degraded"
+    """Its localisation is too poor to drive on."""
+    LOST = "lost"
+    """It does not know where it is."""
+
+
 class RobotStatus(StrEnum):
     """What the robot says of its own mission."""
 
@@ -172,8 +206,13 @@ class Estimate(BaseMessage):
 
     @property
     def yaw_rate(self) -> float:
-        """rad/s."""
+        """Yaw rate, rad/s."""
         return float(self.state[4])
+
+    @property
+    def gauge_ratio(self) -> float:
+        """How much wider than its gauge the robot turns, because its tracks slip."""
+        return float(self.state[6])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -310,8 +349,7 @@ class SmoothPath(BaseMessage):
 class TrackCommand(BaseMessage):
     """What the tracker wants: sprocket speeds and the motor voltages that shall bring them.
 
-    speed_mps, yaw_rate_radps: the body velocity asked for. mode: what the tracker is doing
-    (follow, turn, stop, back_off, arrived, ...).
+    speed_mps, yaw_rate_radps: the body velocity that was chosen. mode: what the robot does.
     """
 
     t_ns: int
@@ -319,7 +357,7 @@ class TrackCommand(BaseMessage):
     yaw_rate_radps: float
     sprocket_radps: FloatArray
     voltage_v: FloatArray
-    mode: str
+    mode: Mode
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,11 +1,10 @@
-"""The tracker: velocity control along a path, slip-compensated track speeds, motor loops.
+"""The tracker: the body velocity that follows a path.
 
-It follows a ``SmoothPath`` with the curvature of the path fed forward and a lateral and a
-heading error fed back (Samson's form: w = v kappa - k1 v e sinc(a) - k2 |v| a), at the speed
-that curvature, clearance, the motors and the braking distance allow; turns on the spot where
-the path asks for it; goes rear first where it is told to; and stands still in the goal's
-tolerance. Body velocities become track speeds with the estimated gauge ratio, so that slip is
-made good before it happens.
+It follows a ``SmoothPath`` with the path's curvature fed forward and the lateral and heading errors
+fed back (Samson's form: w = v kappa - k1 v e sinc(a) - k2 v a), at the speed that curvature,
+clearance, the motors and the braking distance allow. It turns on the spot where the path asks for
+it, goes rear first where it is told to, and stands still within the goal's tolerance. What may be
+driven of that velocity is for the arbiter to say (``simloop.control``).
 """
 
 from __future__ import annotations
@@ -16,44 +15,31 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from simloop.config import EncoderConfig, MotorConfig, TrackerConfig, VehicleConfig
-from simloop.ekf import GAUGE
+from simloop.config import DriveConfig, TrackerConfig, VehicleConfig
 from simloop.geometry.se2 import about_face, wrap_angle
-from simloop.messages import EncoderReading, Estimate, FloatArray, SmoothPath, TrackCommand
+from simloop.messages import Estimate, FloatArray, Mode, SmoothPath, Velocity
 
-_SEARCH_M = 0.5  # how far along the path the nearest point may have moved since last time
-_LEAST_MPS = 0.05  # while a path is followed: no dead start
-_LONG_AGO = 1.5e9  # ns for each s of a period: counts that took longer tell of no one period
+_SEARCH_M = 0.5  # how far along the path the nearest sample may lie from the last one
+_LEAST_MPS = 0.05  # speed on a path, so that the robot never stops short of its end
 YAW, CURVATURE, ARC, SPEED = range(2, 6)  # columns of a path in the kernels, after x and y
 
 
 class TrackingLaw(NamedTuple):
-    """Constants of the control law: limits, gains, and the most that a period may change."""
+    """Constants of the control law.
 
-    max_rate: float
-    speed_up: float
-    slow_down: float
-    turn: float
+    Attributes:
+        lateral_gain: k1, 1/m^2.
+        heading_gain: k2, 1/m.
+        turn_gain: Yaw rate per heading error on the spot, 1/s.
+        turn_on_spot: Heading error at which a turn on the spot begins, rad.
+        end_turn: Heading error at which it ends, rad.
+    """
+
     lateral_gain: float
     heading_gain: float
     turn_gain: float
     turn_on_spot: float
     end_turn: float
-
-
-class DriveLaw(NamedTuple):
-    """Constants of the motor loops and of the tracks that they turn; SI units throughout."""
-
-    gauge: float
-    radius: float
-    most_mps: float
-    period: float
-    rad_a_count: float
-    gain: float
-    error_limit: float
-    back_emf: float
-    friction_v: float
-    supply_v: float
 
 
 @njit(cache=True)
@@ -64,21 +50,32 @@ def speed_profile(
     safe: float,
     limits: FloatArray,
 ) -> FloatArray:
-    """(k,) m/s allowed at each sample of a path, ending at rest.
+    """Compute the speed that is allowed at each sample of a path that ends at rest.
 
-    limits: (7,) speed, yaw rate, lateral acceleration, creep speed, open clearance, braking
-    deceleration, track speed per half of the effective gauge: see ``Tracker._limits``.
+    Args:
+        arc: (k,) distance along the path, m.
+        curvature: (k,) curvature of the path, 1/m.
+        clearance: (k,) distance to the nearest obstacle, m.
+        safe: The safety distance, m.
+        limits: (7,) speed, m/s, yaw rate, rad/s, lateral acceleration, m/s^2, creep speed, m/s,
+            open clearance, m, braking deceleration, m/s^2, half of the effective gauge, m.
+
+    Returns:
+        (k,) allowed speeds, m/s.
     """
     top, rate, lateral, creep, opening, brake, half_gauge = limits
     n = arc.shape[0]
     speed = np.empty(n)
     for i in range(n):
         bend = abs(curvature[i])
-        allowed = top / (1.0 + half_gauge * bend)  # the outer track's speed is what is limited
+        # The outer track is the faster one, and its speed is what is limited.
+        allowed = top / (1.0 + half_gauge * bend)
         if bend > 1e-6:
             allowed = min(allowed, rate / bend, math.sqrt(lateral / bend))
+        # From creep speed at the safety distance to full speed where there is room.
         room = min(1.0, max(0.0, (clearance[i] - safe) / opening))
         speed[i] = min(allowed, creep + room * max(0.0, top - creep))
+    # Backwards from rest at the end: no faster than what can be braked to the next sample's speed.
     speed[n - 1] = 0.0
     for i in range(n - 2, -1, -1):
         reach = math.sqrt(speed[i + 1] ** 2 + 2.0 * brake * (arc[i + 1] - arc[i]))
@@ -88,7 +85,17 @@ def speed_profile(
 
 @njit(cache=True)
 def nearest_sample(path: FloatArray, x: float, y: float, start: int) -> int:
-    """Index of the sample of a path (k, 6) nearest to (x, y), from ``start`` ``_SEARCH_M`` on."""
+    """Find the sample of a path nearest to a place, from a sample on.
+
+    Args:
+        path: (k, 6) x, y, yaw, curvature, arc, speed.
+        x: Place in map, m.
+        y: Place in map, m.
+        start: First sample to look at; the search ends half a metre further on.
+
+    Returns:
+        The sample's index.
+    """
     best, found = 1e18, start
     for i in range(start, path.shape[0]):
         if path[i, ARC] - path[start, ARC] > _SEARCH_M:
@@ -100,26 +107,27 @@ def nearest_sample(path: FloatArray, x: float, y: float, start: int) -> int:
 
 
 @njit(cache=True)
-def slew(speed: float, rate: float, law: TrackingLaw, asked: FloatArray) -> None:
-    """Move ``asked`` (2,), m/s and rad/s, towards a velocity as far as one period may bring it."""
-    rate = min(max(rate, -law.max_rate), law.max_rate)
-    step = law.speed_up if abs(speed) > abs(asked[0]) else law.slow_down
-    asked[0] += min(max(speed - asked[0], -step), step)
-    asked[1] += min(max(rate - asked[1], -law.turn), law.turn)
-
-
-@njit(cache=True)
-def along(
+def velocity_along(
     path: FloatArray, i: int, x: float, y: float, off_heading: float, law: TrackingLaw
 ) -> tuple[float, float]:
-    """Speed and yaw rate that lead from (x, y) onto a path (k, 6) and along it; i: nearest sample.
+    """Compute the velocity that leads onto a path and along it.
 
-    off_heading: the robot's heading less the path's, rad.
+    Args:
+        path: (k, 6) x, y, yaw, curvature, arc, speed.
+        i: The nearest sample.
+        x: Place of the robot in map, m.
+        y: Place of the robot in map, m.
+        off_heading: The robot's heading less the path's, rad.
+        law: Gains.
+
+    Returns:
+        Speed, m/s, and yaw rate, rad/s.
     """
     cos, sin = math.cos(path[i, YAW]), math.sin(path[i, YAW])
     aside = -sin * (x - path[i, 0]) + cos * (y - path[i, 1])
     past_end = cos * (x - path[i, 0]) + sin * (y - path[i, 1])
-    if i + 1 < path.shape[0]:  # the profile a control period ahead, and no dead start
+    if i + 1 < path.shape[0]:
+        # The profile a control period ahead, and never so slow that the robot stops short.
         speed = max(min(path[i, SPEED], path[i + 1, SPEED]), _LEAST_MPS)
     elif past_end > 0.0:
         return 0.0, 0.0
@@ -133,119 +141,79 @@ def along(
 
 @njit(cache=True)
 def track(
-    pose: FloatArray, path: FloatArray, at: int, turning: bool, law: TrackingLaw, asked: FloatArray
+    pose: FloatArray, path: FloatArray, at: int, turning: bool, law: TrackingLaw
 ) -> tuple[float, float, int, bool]:
-    """One period along a path: speed and yaw rate to ask for, nearest sample, whether it turns.
+    """Follow a path for one period.
 
-    pose: x, y, yaw first; path: (k, 6), see ``Tracker.follow``; at, turning: those of a period
-    ago. asked: (2,) the velocity asked for then, which becomes the one asked for now.
+    Args:
+        pose: (3+,) x, y, yaw first, in map, m, m, rad.
+        path: (k, 6) x, y, yaw, curvature, arc, speed.
+        at: The nearest sample of the last period.
+        turning: Whether the robot was turning on the spot.
+        law: Gains.
+
+    Returns:
+        Speed, m/s, and yaw rate, rad/s, to ask for, the nearest sample, and whether it turns.
     """
     x, y = pose[0], pose[1]
     at = nearest_sample(path, x, y, at)
     ahead = min(at + 1, path.shape[0] - 1)
     off_heading = wrap_angle(pose[2] - path[ahead, YAW])
+    # Two thresholds, so that a turn that has begun is brought to its end.
     turning = abs(off_heading) > (law.end_turn if turning else law.turn_on_spot)
     if turning:
-        slew(0.0, -law.turn_gain * off_heading, law, asked)
-    else:
-        speed, rate = along(path, at, x, y, off_heading, law)
-        slew(speed, rate, law, asked)
-    return asked[0], asked[1], at, turning
-
-
-@njit(cache=True)
-def sprocket_speeds(
-    speed: float, yaw_rate: float, gauge_m: float, most_mps: float, radius_m: float
-) -> tuple[float, float]:
-    """Left and right sprocket speeds, rad/s, that give a body velocity in spite of slip.
-
-    gauge_m: the effective one, slip included. Where a track would be faster than ``most_mps``,
-    both are scaled: the path's curvature is kept.
-    """
-    half = 0.5 * gauge_m * yaw_rate
-    left, right = speed - half, speed + half
-    scale = min(1.0, most_mps / max(abs(left), abs(right), 1e-9)) / radius_m
-    return left * scale, right * scale
-
-
-@njit(cache=True)
-def motor_voltage(asked: float, come: int, side: int, law: DriveLaw, errors: FloatArray) -> float:
-    """V that make a sprocket turn as asked, rad/s: the motor's law ahead, counts fed back.
-
-    come: the counts since a period ago. errors: (2,) of both sides, rad. An error is kept as an
-    angle (what was asked for less the counts that came), which is an integral of the speed error
-    that quantisation cannot disturb.
-    """
-    if asked == 0.0:
-        errors[side] = 0.0
-        return 0.0
-    error = errors[side] + asked * law.period - come * law.rad_a_count
-    errors[side] = error = min(max(error, -law.error_limit), law.error_limit)
-    # Gear friction needs its current whenever the sprocket turns.
-    volts = law.back_emf * asked + math.copysign(law.friction_v, asked) + law.gain * error
-    return min(max(volts, -law.supply_v), law.supply_v)
-
-
-@njit(cache=True)
-def drive(
-    speed: float,
-    yaw_rate: float,
-    gauge_ratio: float,
-    left_come: int,
-    right_come: int,
-    law: DriveLaw,
-    errors: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Sprocket speeds, rad/s, and motor voltages, (2,) each, that bring a body velocity.
-
-    left_come, right_come: the encoders' counts since a period ago; errors: (2,) the loops' own.
-    """
-    gauge_m = min(max(gauge_ratio, 1.0), 2.0) * law.gauge
-    left, right = sprocket_speeds(speed, yaw_rate, gauge_m, law.most_mps, law.radius)
-    speeds, volts = np.empty(2), np.empty(2)
-    speeds[0], speeds[1] = left, right
-    volts[0] = motor_voltage(left, left_come, 0, law, errors)
-    volts[1] = motor_voltage(right, right_come, 1, law, errors)
-    return speeds, volts
+        return 0.0, -law.turn_gain * off_heading, at, turning
+    speed, rate = velocity_along(path, at, x, y, off_heading, law)
+    return speed, rate, at, turning
 
 
 class Tracker:
-    """Follows one path at a time; what it asks for is a body velocity, m/s and rad/s."""
+    """Follows one path at a time.
+
+    Attributes:
+        arrived: Whether the robot believes that it is within the goal's tolerance.
+        turning: Whether it turns on the spot.
+        reverses: Whether it goes rear first; may be changed on the way.
+    """
 
     def __init__(
         self,
         config: TrackerConfig,
+        drive: DriveConfig,
         vehicle: VehicleConfig,
         safe_distance_m: float,
         goal: FloatArray,
         goal_tolerance_m: float,
-        period_s: float,
+        has_camera: bool = False,
     ) -> None:
-        self._config, self._vehicle, self._safe = config, vehicle, safe_distance_m
+        """goal: (2,) in map, m."""
+        self._config, self._drive, self._vehicle = config, drive, vehicle
+        self._safe = safe_distance_m
         self._goal = (float(goal[0]), float(goal[1]))
         self._tolerance_m = goal_tolerance_m
         self._arrive_m = max(0.5 * goal_tolerance_m, goal_tolerance_m - config.goal_margin_m)
+        turn_on_spot = config.turn_on_spot_rad
+        if has_camera:
+            turn_on_spot = min(turn_on_spot, config.turn_on_spot_with_camera_rad)
         self._law = TrackingLaw(
-            max_rate=config.max_yaw_rate_radps,
-            speed_up=config.max_accel_mps2 * period_s,
-            # Twice what is planned with: room for correction.
-            slow_down=2.0 * config.max_decel_mps2 * period_s,
-            turn=config.max_yaw_accel_radps2 * period_s,
             lateral_gain=config.lateral_gain_1pm2,
             heading_gain=config.heading_gain_1pm,
             turn_gain=config.turn_gain_1ps,
-            turn_on_spot=config.turn_on_spot_rad,
+            turn_on_spot=turn_on_spot,
             end_turn=config.end_turn_rad,
         )
         self._path: SmoothPath | None = None
         self._samples = np.empty((0, 6))
         self._at = 0
-        self._asked = np.zeros(2)
         self.arrived = False
         self.turning = self.reverses = False
 
     def aim_at(self, goal: FloatArray) -> None:
-        """The goal (2,) is there now; it moves, so that to be near is not to stay near."""
+        """Take the place of a goal that moves: to be near it is not to stay near.
+
+        Args:
+            goal: (2,) in map, m.
+        """
         self._arrive_m = 0.5 * self._tolerance_m
         self._goal = (float(goal[0]), float(goal[1]))
 
@@ -255,30 +223,33 @@ class Tracker:
         return self._path
 
     @property
-    def ahead(self) -> slice:
-        """The samples of the path that are still to come."""
-        return slice(self._at, None)
+    def next_sample(self) -> int:
+        """Index of the first sample of the path that is still to come."""
+        return self._at
 
     @property
     def path_yaw(self) -> float:
-        """rad, in map: where the path leads from here. There must be a path."""
+        """Where the path leads from here, rad, in map. There must be a path."""
         return float(self._samples[min(self._at + 1, len(self._samples) - 1), YAW])
 
     def follow(self, path: SmoothPath, gauge_ratio: float, reverses: bool = False) -> None:
-        """Follow ``path`` from now on. gauge_ratio: the estimated k of the tracks.
+        """Follow a path from now on.
 
-        reverses: rear first; ``reverses`` may be changed on the way.
+        Args:
+            path: The path, in map.
+            gauge_ratio: How much wider than its gauge the robot turns.
+            reverses: Whether the rear goes first.
         """
         self.reverses = reverses
-        config = self._config
+        config, drive = self._config, self._drive
         limits = np.array(
             [
-                config.max_speed_mps,
-                config.max_yaw_rate_radps,
+                drive.max_speed_mps,
+                drive.max_yaw_rate_radps,
                 config.max_lateral_accel_mps2,
                 config.creep_mps,
                 config.open_clearance_m,
-                config.max_decel_mps2,
+                drive.max_decel_mps2,
                 0.5 * gauge_ratio * self._vehicle.gauge_m,
             ]
         )
@@ -291,83 +262,26 @@ class Tracker:
         )
 
     def hold(self) -> None:
-        """Forget the path and stand still."""
+        """Forget the path and ask for standing still."""
         self._path = None
 
-    def velocity(self, estimate: Estimate) -> tuple[float, float, str]:
-        """Speed, yaw rate and mode to ask for now, acceleration limits kept."""
-        state, asked = estimate.state, self._asked
+    def velocity(self, estimate: Estimate) -> tuple[Velocity, Mode]:
+        """Compute what to ask for now; the arbiter keeps the limits of acceleration.
+
+        Args:
+            estimate: The belief now.
+
+        Returns:
+            The velocity that follows the path, and what it does.
+        """
+        state = estimate.state
         if math.dist((state[0], state[1]), self._goal) <= self._arrive_m:
             self.arrived = True
         if self.arrived or self._path is None:
-            slew(0.0, 0.0, self._law, asked)
-            return float(asked[0]), float(asked[1]), "arrived" if self.arrived else "stop"
+            return Velocity(0.0, 0.0), Mode.ARRIVED if self.arrived else Mode.STOP
         ahead = about_face(state) if self.reverses else state
-        asked[0] *= -1.0 if self.reverses else 1.0
-        _, rate, self._at, self.turning = track(
-            ahead, self._samples, self._at, self.turning, self._law, asked
+        speed, rate, self._at, self.turning = track(
+            ahead, self._samples, self._at, self.turning, self._law
         )
-        asked[0] *= -1.0 if self.reverses else 1.0
-        return float(asked[0]), rate, "turn" if self.turning else "follow"
-
-    def overrule(self, speed: float, rate: float) -> None:
-        """Tell that another velocity was asked for in the end: the limits go on from there."""
-        self._asked[:] = speed, rate
-
-
-class Drive:
-    """From a body velocity to both motors' voltages, with the slip that the filter has learnt."""
-
-    def __init__(
-        self,
-        config: TrackerConfig,
-        motor: MotorConfig,
-        encoder: EncoderConfig,
-        vehicle: VehicleConfig,
-        period_s: float,
-    ) -> None:
-        self._law = DriveLaw(
-            gauge=vehicle.gauge_m,
-            radius=vehicle.sprocket_radius_m,
-            most_mps=config.max_track_speed_mps,
-            period=period_s,
-            rad_a_count=2.0 * math.pi / encoder.counts_per_turn,
-            gain=config.angle_gain_v_per_rad,
-            error_limit=config.angle_error_limit_rad,
-            back_emf=motor.back_emf_v_per_radps,
-            friction_v=motor.resistance_ohm * motor.no_load_current_a,
-            supply_v=motor.supply_v,
-        )
-        self._errors = np.zeros(2)
-        self._last: EncoderReading | None = None
-        self._asked: list[float] = [0.0, 0.0]
-
-    def command(
-        self,
-        velocity: tuple[float, float, str],
-        estimate: Estimate,
-        encoders: EncoderReading,
-        heard: tuple[bool, bool] = (True, True),
-    ) -> TrackCommand:
-        """The command for a speed, m/s, a yaw rate, rad/s, and the mode they came from.
-
-        heard: whether the left and the right encoder are to be believed; a loop whose encoder is
-        not is left open, and its motor gets what its law says. So is one whose counts have not
-        come: it would take them for a belt that stands, and drive it too fast.
-        """
-        speed, rate, mode = velocity
-        first, last, self._last = self._last is None, self._last or encoders, encoders
-        come = [
-            encoders.left_counts - last.left_counts,
-            encoders.right_counts - last.right_counts,
-        ]
-        came = first or 0 < encoders.t_ns - last.t_ns < _LONG_AGO * self._law.period
-        for side in range(2):
-            if not (heard[side] and came):
-                self._errors[side] = 0.0
-                come[side] = round(self._asked[side] * self._law.period / self._law.rad_a_count)
-        speeds, volts = drive(
-            speed, rate, estimate.state[GAUGE], come[0], come[1], self._law, self._errors
-        )
-        self._asked = speeds.tolist()
-        return TrackCommand(estimate.t_ns, speed, rate, speeds, volts, mode)
+        forward = -speed if self.reverses else speed
+        return Velocity(forward, rate), Mode.TURN if self.turning else Mode.FOLLOW

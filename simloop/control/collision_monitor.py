@@ -1,8 +1,8 @@
-"""The collision monitor: from its present speed the robot stops before what it has just seen.
+"""The collision monitor: what the last scans show near the robot, and what can be stopped in time.
 
-It looks at the last few scans alone, not at the map or the plan: points in base_link, carried
-along by the estimate's motion since. The motion that a command would bring, and the braking
-after it, is an arc; the footprint's rectangle is swept along it among the points.
+It uses the last few scans alone, not the map or the plan. Their points are kept in map and carried
+to the robot's present pose by the estimate. The motion that a velocity brings, and the braking
+after it, is an arc; the rectangular footprint is swept along it among the points.
 """
 
 from __future__ import annotations
@@ -13,33 +13,41 @@ from collections import deque
 import numpy as np
 from numba import njit
 
-from simloop.config import TrackerConfig, VehicleConfig
+from simloop.config import DriveConfig, MonitorConfig, VehicleConfig
 from simloop.geometry.footprint import (
     free_fraction,
     near_points,
-    nearer_than,
     points_in,
     room_after,
 )
 from simloop.messages import FloatArray
 
-_LEAST_PART = 0.1  # less than this of a velocity is not worth creeping with
-_SCANS = 3
+_LEAST_PART = 0.1  # less than this part of a velocity is not worth creeping with
 _WINDOW = 4  # points on either side that a point is averaged with
-_ONE_SURFACE_M = 0.05
-_LOOKS = 4  # places on an arc at which room is looked for
-_BETWEEN_SCANS_M = 0.2  # how far the robot may at least come before the next scan, and some
-_SCANS_MISSED = 4  # after as many without a scan it stands, whatever else
+_ONE_SURFACE_M = 0.05  # neighbours this near lie on one surface
+_LOOKS = 4  # places on an arc, besides its start, at which room is measured
+_BETWEEN_SCANS_M = 0.2  # distance that the robot may travel before the next scan, at least
+_SCANS_MISSED = 4  # after so many missing scans the robot stands in any case
+_ORIGIN = np.zeros(3)
+_ORIGIN.setflags(write=False)
 
 
 @njit(cache=True)
-def steadied(points: FloatArray, window: int, apart: float) -> FloatArray:
-    """(n, 2) points, ordered by bearing, each averaged with its neighbours on one surface.
+def average_along_surfaces(points: FloatArray, window: int, apart: float) -> FloatArray:
+    """Average each point with its neighbours on the same surface, against range noise.
 
-    A ray's noise, as large as the margin, would else stop the robot again and again beside what
-    it can pass. Neighbours count in pairs, one from either side, as far as both lie within
-    ``apart`` m of the point: along a flat surface that moves no point but across it, and a thin
-    post or an edge stays where it is.
+    The noise of a single ray is as large as the monitor's margin. Without averaging it would stop
+    the robot again and again beside what it can pass. Neighbours count in pairs, one from either
+    side, as long as both lie within ``apart`` of the point: a flat surface keeps its place, and a
+    thin post or an edge is not moved.
+
+    Args:
+        points: (n, 2) points ordered by bearing, m.
+        window: Neighbours on either side that count at most.
+        apart: Largest distance of a neighbour, m.
+
+    Returns:
+        (n, 2) averaged points, m, in the same frame and order.
     """
     n = points.shape[0]
     out = points.copy()
@@ -47,6 +55,7 @@ def steadied(points: FloatArray, window: int, apart: float) -> FloatArray:
         sum_x, sum_y, count = points[i, 0], points[i, 1], 1
         for k in range(1, min(window, (n - 1) // 2) + 1):
             a, b = (i - k) % n, (i + k) % n
+            # One neighbour off the surface ends the window on both sides.
             if (
                 math.hypot(points[a, 0] - points[i, 0], points[a, 1] - points[i, 1]) > apart
                 or math.hypot(points[b, 0] - points[i, 0], points[b, 1] - points[i, 1]) > apart
@@ -60,29 +69,43 @@ def steadied(points: FloatArray, window: int, apart: float) -> FloatArray:
 
 
 @njit(cache=True)
-def steadied_around(pose: FloatArray, points: FloatArray, window: int, apart: float) -> FloatArray:
-    """(n, 2) in the frame ``pose`` (3,), of points (n, 2) in map: by bearing, and steadied."""
+def _steadied_around(pose: FloatArray, points: FloatArray, window: int, apart: float) -> FloatArray:
+    """(n, 2) in the frame ``pose`` (3,), of points (n, 2) in map: by bearing, and averaged."""
     near, bearing = points_in(pose, np.zeros(3), points), np.empty(points.shape[0])
     for i in range(near.shape[0]):
         bearing[i] = math.atan2(near[i, 1], near[i, 0])
-    return steadied(near[np.argsort(bearing, kind="mergesort")], window, apart)
+    order = np.argsort(bearing, kind="mergesort")
+    return average_along_surfaces(near[order], window, apart)
 
 
 @njit(cache=True)
-def allowed_part(
-    points: FloatArray,
-    seen_from: FloatArray,
-    pose: FloatArray,
-    speed: float,
-    yaw_rate: float,
-    limits: FloatArray,
-) -> float:
-    """The part, 0 to 1, of a velocity from which the robot can be stopped in time.
+def _within_reach(points: FloatArray, reach: float) -> FloatArray:
+    """(k, 2) of the points (n, 2): those no farther than ``reach`` m from the origin."""
+    out, k = np.empty_like(points), 0
+    for i in range(points.shape[0]):
+        if points[i, 0] ** 2 + points[i, 1] ** 2 <= reach * reach:
+            out[k] = points[i]
+            k += 1
+    return out[:k]
 
-    points: (n, 2) in the frame ``seen_from`` (3,); pose: (3,) of base_link now, both in map.
-    limits: (6,) reaction time, s, deceleration, m/s^2, yaw deceleration, rad/s^2, half the
-    footprint's length and width, and the margin, m. A part f of the velocity goes on for the
-    reaction time t and then brakes for f T: it goes f t + f^2 T / 2 of what a second brings.
+
+@njit(cache=True)
+def stoppable_part(points: FloatArray, speed: float, yaw_rate: float, limits: FloatArray) -> float:
+    """Find the part of a velocity from which the robot can still be stopped in time.
+
+    A part f of the velocity continues for the reaction time t and then brakes for f T, where T is
+    the braking time of the whole velocity: it travels f t + f^2 T / 2 of what a second brings. The
+    largest f for which this is free follows from the free part of the full arc.
+
+    Args:
+        points: (n, 2) what has been seen, m, in base_link now.
+        speed: Forward speed, m/s.
+        yaw_rate: Yaw rate, rad/s.
+        limits: (6,) reaction time, s, deceleration, m/s^2, yaw deceleration, rad/s^2, half the
+            footprint's length and width, m, and the margin, m.
+
+    Returns:
+        The part, 0 to 1; 0 where it would be less than a tenth.
     """
     reaction, brake, yaw_brake, half_length, half_width, margin = limits
     braking = max(abs(speed) / brake, abs(yaw_rate) / yaw_brake)
@@ -90,7 +113,7 @@ def allowed_part(
     ahead, turned = speed * horizon, yaw_rate * horizon
     # No part of the footprint gets farther than this from where it is now.
     reach = abs(ahead) + math.hypot(half_length, half_width) + margin
-    near = nearer_than(points_in(pose, seen_from, points), reach)
+    near = _within_reach(points, reach)
     free = horizon * free_fraction(near, ahead, turned, half_length, half_width, margin)
     if free >= horizon:
         return 1.0
@@ -98,85 +121,125 @@ def allowed_part(
     return part if part > _LEAST_PART else 0.0
 
 
+@njit(cache=True)
+def examine_arc(
+    points: FloatArray, ahead: float, turned: float, limits: FloatArray
+) -> tuple[float, float]:
+    """Measure how much of an arc is free, and the most room on its free part.
+
+    Args:
+        points: (n, 2) what has been seen, m, in base_link now.
+        ahead: Length of the arc, m; negative backwards.
+        turned: Yaw gained along the arc, rad.
+        limits: (6,) as in `stoppable_part`.
+
+    Returns:
+        The free part, 0 to 1, and the most room, m, from the footprint to the nearest point at the
+        arc's start or at one of four places on its free part. There is no room left where the free
+        part ends, so the most counts.
+    """
+    half_length, half_width, margin = limits[3], limits[4], limits[5]
+    free = free_fraction(points, ahead, turned, half_length, half_width, margin)
+    room = -np.inf
+    for k in range(_LOOKS + 1):
+        f = free * k / _LOOKS
+        room = max(room, room_after(points, f * ahead, f * turned, half_length, half_width))
+    return free, room
+
+
 def stopping_limits(
-    config: TrackerConfig, vehicle: VehicleConfig, brake_mps2: float, margin_m: float
+    monitor: MonitorConfig, drive: DriveConfig, vehicle: VehicleConfig
 ) -> FloatArray:
-    """(6,) what a stop needs: the ``limits`` of ``allowed_part``."""
+    """Collect what a stop needs, as the kernels take it.
+
+    Args:
+        monitor: Margin and reaction time.
+        drive: Decelerations.
+        vehicle: The footprint.
+
+    Returns:
+        (6,) the ``limits`` of `stoppable_part`.
+    """
     return np.array(
         [
-            config.monitor_reaction_s,
-            brake_mps2,
-            config.max_yaw_accel_radps2,
+            monitor.reaction_s,
+            drive.max_decel_mps2,
+            drive.max_yaw_accel_radps2,
             0.5 * vehicle.length_m,
             0.5 * vehicle.width_m,
-            margin_m,
+            monitor.margin_m,
         ]
     )
 
 
 class CollisionMonitor:
-    """Scales a body velocity down to what the last scans allow."""
+    """Remembers the points of the last scans that lie near the robot."""
 
-    def __init__(self, config: TrackerConfig, vehicle: VehicleConfig, scan_s: float = 0.1) -> None:
-        """scan_s: time, s, from one scan to the next."""
-        self._limits = stopping_limits(
-            config, vehicle, config.max_decel_mps2, config.monitor_margin_m
-        )
-        reach = math.hypot(vehicle.length_m, vehicle.width_m) / 2.0 + config.monitor_margin_m
-        top = config.max_speed_mps
+    def __init__(
+        self,
+        config: MonitorConfig,
+        drive: DriveConfig,
+        vehicle: VehicleConfig,
+        scan_s: float = 0.1,
+    ) -> None:
+        """scan_s: time from one scan to the next, s."""
+        self.limits = stopping_limits(config, drive, vehicle)
+        reach = math.hypot(vehicle.length_m, vehicle.width_m) / 2.0 + config.margin_m
+        top = drive.max_speed_mps
         braking = max(
-            top / config.max_decel_mps2, config.max_yaw_rate_radps / config.max_yaw_accel_radps2
+            top / drive.max_decel_mps2, drive.max_yaw_rate_radps / drive.max_yaw_accel_radps2
         )
-        stop = top * (config.monitor_reaction_s + braking)
+        stop = top * (config.reaction_s + braking)
         self._near_m = reach + stop + max(_BETWEEN_SCANS_M, _SCANS_MISSED * scan_s * top)
-        self._scans: deque[FloatArray] = deque(maxlen=_SCANS)  # points in map
+        self._scans: deque[FloatArray] = deque(maxlen=config.scans)  # points in map
         self._points = np.empty((0, 2))
         self._pose = np.zeros(3)
 
     def observe(
         self, points_m: FloatArray, pose: FloatArray, standing_m: FloatArray | None = None
     ) -> None:
-        """Take a scan: points (n, 2) in base_link, seen from ``pose`` (3,) in map.
+        """Take a scan.
 
-        standing_m: (k, 2) in map, what scans do not show and stands there nevertheless.
+        Args:
+            points_m: (n, 2) its points, m, in base_link.
+            pose: (3,) of base_link in map when the scan ended, m, m, rad.
+            standing_m: (k, 2) in map, m: what stands there although no scan shows it.
         """
         self._pose = pose = np.array(pose, np.float64)
         self._scans.append(near_points(np.ascontiguousarray(points_m), pose, self._near_m))
         merged = np.concatenate(self._scans)
-        self._points = steadied_around(pose, merged, _WINDOW, _ONE_SURFACE_M)
+        self._points = _steadied_around(pose, merged, _WINDOW, _ONE_SURFACE_M)
         if standing_m is not None and len(standing_m):
             near = standing_m[np.hypot(*(standing_m - pose[:2]).T) < self._near_m]
-            self._points = np.concatenate((self._points, points_in(pose, np.zeros(3), near)))
+            self._points = np.concatenate((self._points, points_in(pose, _ORIGIN, near)))
 
     def forget(self) -> None:
-        """Take it that nothing has been seen: the robot stands elsewhere than was thought."""
+        """Drop all points: the robot stands elsewhere than was believed."""
         self._scans.clear()
         self._points = np.empty((0, 2))
 
-    def allow(self, speed: float, yaw_rate: float, pose: FloatArray) -> tuple[float, float]:
-        """The part of a velocity (m/s, rad/s) that can be stopped in time at ``pose`` (3,)."""
-        if self._points.shape[0] == 0 or (speed == 0.0 and yaw_rate == 0.0):
-            return speed, yaw_rate
-        part = allowed_part(self._points, self._pose, pose, speed, yaw_rate, self._limits)
-        return (speed, yaw_rate) if part >= 1.0 else (speed * part, yaw_rate * part)
+    def points_at(self, pose: FloatArray) -> FloatArray:
+        """Express what has been seen in the robot's present frame.
+
+        Args:
+            pose: (3,) of base_link in map now, m, m, rad.
+
+        Returns:
+            (n, 2) points in base_link, m.
+        """
+        return points_in(pose, self._pose, self._points)
 
     def can_turn(self, turned: float, pose: FloatArray, extra_m: float = 0.0) -> bool:
-        """Whether a turn on the spot by ``turned`` rad at ``pose`` (3,) keeps the margin and some,
-        ``extra_m``, from all that was seen."""
-        half_length, half_width, margin = self._limits[3:].tolist()
-        near = points_in(pose, self._pose, self._points)
-        free = free_fraction(near, 0.0, turned, half_length, half_width, margin + extra_m)
-        return free >= 1.0
+        """Say whether a turn on the spot keeps the margin from all that was seen.
 
-    def look_along(self, ahead: float, turned: float, pose: FloatArray) -> tuple[float, float]:
-        """How much of an arc from ``pose`` (3,) is free, 0 to 1, and the most room, m, on the way.
+        Args:
+            turned: The turn, rad.
+            pose: (3,) of base_link in map now, m, m, rad.
+            extra_m: Distance to keep beyond the margin, m.
 
-        The arc is ``ahead`` m long and ``turned`` rad round; room counts to the nearest point.
-        Where the free part ends at something there is no room left: what counts is where there was.
+        Returns:
+            True if the whole turn is free.
         """
-        half_length, half_width, margin = self._limits[3:].tolist()
-        near = points_in(pose, self._pose, self._points)
-        free = free_fraction(near, ahead, turned, half_length, half_width, margin)
-        parts = (free * k / _LOOKS for k in range(_LOOKS + 1))
-        room = max(room_after(near, f * ahead, f * turned, half_length, half_width) for f in parts)
-        return free, room
+        half_length, half_width, margin = self.limits[3:].tolist()
+        near = self.points_at(pose)
+        return free_fraction(near, 0.0, turned, half_length, half_width, margin + extra_m) >= 1.0

@@ -1,8 +1,8 @@
 """Speed and separation: the robot stands before anything that moves can be where it is.
 
-After ISO/TS 15066 and the passive safety of Macek et al. 2009: from the velocity that is asked for
-the robot can be stopped, and until it stands no mover, going on as it goes and a little aside or
-faster, comes within a margin of its outline. What then runs into it finds it standing.
+After ISO/TS 15066 and the passive safety of Macek et al. (2009). From the velocity that is chosen
+the robot can be stopped, and until it stands no mover comes within a margin of its outline, as it
+is predicted and a little aside or faster. What then runs into the robot finds it standing.
 """
 
 from __future__ import annotations
@@ -12,35 +12,34 @@ import math
 import numpy as np
 from numba import njit
 
-from simloop.config import TrackerConfig, VehicleConfig
-from simloop.control.collision_monitor import CollisionMonitor, stopping_limits
+from simloop.config import DriveConfig, MonitorConfig, SeparationConfig, VehicleConfig
 from simloop.geometry.footprint import arc_end, rectangle_distance
 from simloop.messages import FloatArray, MoverTracks
 
-_STEP_S = 0.05
+_STEP_S = 0.05  # of the prediction while the robot brakes
+_LOOK_S = 0.1  # of the prediction of encounters
 _PARTS = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1)
-_GROWS_MPS, _GROWS_SHARE = 0.1, 0.3  # how fast a mover's disc grows about its prediction
-_DECELERATION_MPS2 = 1.0  # of an emergency stop
-_MARGIN_M = 0.06
-_STANDS_MPS = 0.1  # slower, a mover is taken to stand
-_AWAY = -0.5  # cosine of its course to where the robot is, below which it goes away
-_LITTLE_MPS, _LITTLE_RADPS = 0.1, 0.3  # with no more left to do, to get out of the way is
-_FORESEEN_S, _LOOK_S = 1.5, 0.1
-_THREAT_M, _WORTH_M = 0.10, 0.05
-_DODGES_MPS, _DODGES_RADPS = (-0.4, -0.2, 0.2, 0.4), (0.0, 0.6, -0.6, 1.2, -1.2)
-_STALE_NS = 600_000_000  # since movers were last looked for: with no news it is best to stand
-_RESTLESS_S = 0.2  # a standing robot needs to get under way
-_STANDING_NS = 50_000_000  # so long told to stand, it does
-_PATIENCE_NS = 3_000_000_000  # for ever it cannot stand, where something is thrown back and forth
-_KEEP_NS = 300_000_000  # how long a dodge is kept to
+_AWAY = -0.5  # cosine of a mover's course to where the robot is, below which it goes away
+_STOOD_NS = 50_000_000  # a robot that was told to stand for so long does stand
 
 
 @njit(cache=True)
 def gap_after(
     pose: FloatArray, ahead: float, turned: float, t: float, mover: FloatArray, half: FloatArray
 ) -> float:
-    """m between the footprint, ``ahead`` m along an arc and ``turned`` rad round from ``pose``
-    (3,), and a mover (7,) ``t`` s on: x, y, vx, vy in map, radius. half: (2,) of the footprint."""
+    """Distance between the footprint at the end of an arc and a mover some time on.
+
+    Args:
+        pose: (3,) of base_link in map, m, m, rad.
+        ahead: Length of the arc, m.
+        turned: Yaw gained along the arc, rad.
+        t: Time at which the mover is looked at, s.
+        mover: (7,) x, y, vx, vy in map, radius, growth and pace, see `mover_discs`.
+        half: (2,) half the footprint's length and width, m.
+
+    Returns:
+        The gap, m; negative inside.
+    """
     cx, cy = arc_end(ahead, turned)
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     dx = mover[0] + mover[2] * t - pose[0] - cos * cx + sin * cy
@@ -51,21 +50,30 @@ def gap_after(
 
 
 @njit(cache=True)
-def _comes(mover: FloatArray, pose: FloatArray) -> bool:
-    """Whether a mover, next to ``pose`` (2+), is not clearly on its way from there."""
+def _comes(mover: FloatArray, pose: FloatArray, stands_mps: float) -> bool:
+    """Whether a mover next to ``pose`` (2+) is not clearly on its way from there."""
     dx, dy = pose[0] - mover[0], pose[1] - mover[1]
     towards = mover[2] * dx + mover[3] * dy
-    return mover[6] > _STANDS_MPS and towards > _AWAY * mover[6] * math.hypot(dx, dy)
+    return mover[6] > stands_mps and towards > _AWAY * mover[6] * math.hypot(dx, dy)
 
 
 @njit(cache=True)
 def stays_clear(
     pose: FloatArray, speed: float, rate: float, movers: FloatArray, limits: FloatArray
 ) -> bool:
-    """Whether no mover comes within reach before the robot, at (speed, rate) now, has stopped.
+    """Say whether no mover reaches the robot before it has stopped from a velocity.
 
-    Arguments as of ``safe_part``. What is too near already must not come nearer; what is, and is
-    on its way here, lets nothing be safe but to stand.
+    Args:
+        pose: (3,) of base_link in map, m, m, rad.
+        speed: Forward speed, m/s.
+        rate: Yaw rate, rad/s.
+        movers: (n, 7) as in `mover_discs`.
+        limits: (7,) reaction time, s, decelerations, m/s^2 and rad/s^2, half the footprint's
+            length and width, m, the margin, m, and the speed below which a mover stands, m/s.
+
+    Returns:
+        True if each mover keeps the margin until the robot stands. What is too near already must
+        not come nearer; if it is coming, only standing is safe.
     """
     reaction, brake, yaw_brake, margin = limits[0], limits[1], limits[2], limits[5]
     half = limits[3:5]
@@ -73,13 +81,14 @@ def stays_clear(
     until = reaction + braking
     for k in range(movers.shape[0]):
         first = gap_after(pose, 0.0, 0.0, 0.0, movers[k], half) - margin
-        if first < 0.0 and _comes(movers[k], pose):
+        if first < 0.0 and _comes(movers[k], pose, limits[6]):
             return False
         for step in range(1, math.ceil(until / _STEP_S) + 1):
             t = min(step * _STEP_S, until)
             slowed = max(0.0, t - reaction)
             gone = t - (0.5 * slowed * slowed / braking if braking > 0.0 else 0.0)
             ahead, turned = speed * gone, rate * gone
+            # As it is predicted, in a disc that grows with what is not known of it.
             gap = gap_after(pose, ahead, turned, t, movers[k], half) - margin
             if gap < (movers[k, 5] * t if first >= 0.0 else first - 1e-6):
                 return False
@@ -94,10 +103,17 @@ def stays_clear(
 def safe_part(
     pose: FloatArray, speed: float, rate: float, movers: FloatArray, limits: FloatArray
 ) -> float:
-    """The greatest of a few parts, 0 to 1, of a velocity, m/s and rad/s, that is safe at ``pose``.
+    """Find the greatest of a few parts of a velocity that is safe among what moves.
 
-    movers: (n, 7) x, y, vx, vy in map, radius, by how much it grows and its pace, m/s. limits: (6,)
-    reaction, s, decelerations, m/s^2 and rad/s^2, half the footprint's length and width, margin, m.
+    Args:
+        pose: (3,) of base_link in map, m, m, rad.
+        speed: Forward speed, m/s.
+        rate: Yaw rate, rad/s.
+        movers: (n, 7) as in `mover_discs`.
+        limits: (7,) as in `stays_clear`.
+
+    Returns:
+        The part, 0 to 1.
     """
     for part in _PARTS:
         if stays_clear(pose, part * speed, part * rate, movers, limits):
@@ -107,122 +123,141 @@ def safe_part(
 
 @njit(cache=True)
 def least_gap(
-    pose: FloatArray, speed: float, rate: float, movers: FloatArray, half: FloatArray, until: float
+    pose: FloatArray,
+    last: FloatArray,
+    target: FloatArray,
+    window: FloatArray,
+    movers: FloatArray,
+    half: FloatArray,
+    until: float,
 ) -> float:
-    """m, the least to come between the footprint and any mover as it is foreseen, over ``until`` s
-    of an arc at (speed, rate)."""
+    """Predict the least gap to any mover while the robot goes over to another velocity.
+
+    Args:
+        pose: (3,) of base_link in map, m, m, rad.
+        last: (2,) velocity now, m/s and rad/s.
+        target: (2,) velocity that the robot goes over to, m/s and rad/s.
+        window: (2,) accelerations of that change, m/s^2 and rad/s^2.
+        movers: (n, 7) as in `mover_discs`.
+        half: (2,) half the footprint's length and width, m.
+        until: How far ahead to predict, s.
+
+    Returns:
+        The least gap, m, to the movers' growing discs.
+    """
     least = np.inf
-    steps = math.ceil(until / _LOOK_S)
-    for k in range(movers.shape[0]):
-        for step in range(steps + 1):
-            t = step * _LOOK_S
-            gap = gap_after(pose, speed * t, rate * t, t, movers[k], half)
-            least = min(least, gap - movers[k, 5] * t)
+    speed, rate = last[0], last[1]
+    at = pose.copy()
+    for step in range(math.ceil(until / _LOOK_S) + 1):
+        t = step * _LOOK_S
+        for k in range(movers.shape[0]):
+            gap = gap_after(at, 0.0, 0.0, t, movers[k], half) - movers[k, 5] * t
+            least = min(least, gap)
+        # One step of the change of velocity, then of the motion at the mean of both.
+        before_speed, before_rate = speed, rate
+        most, most_rate = window[0] * _LOOK_S, window[1] * _LOOK_S
+        speed += min(max(target[0] - speed, -most), most)
+        rate += min(max(target[1] - rate, -most_rate), most_rate)
+        turned = 0.5 * (before_rate + rate) * _LOOK_S
+        ahead = 0.5 * (before_speed + speed) * _LOOK_S
+        at[0] += ahead * math.cos(at[2] + 0.5 * turned)
+        at[1] += ahead * math.sin(at[2] + 0.5 * turned)
+        at[2] += turned
     return least
 
 
-def is_restless(
-    pose: FloatArray, movers: FloatArray, tracks: MoverTracks, limits: FloatArray
-) -> bool:
-    """Whether something that moved of late is so near to a robot that stands at ``pose`` (3,) that
-    it may be at its side before that has got away: better to stand, and be touched standing.
+def mover_discs(tracks: MoverTracks, t_ns: int, config: SeparationConfig) -> FloatArray:
+    """Express tracks at an instant as the kernels take them.
 
-    movers, (n, 7), and limits as of ``safe_part``, the former made of the tracks.
+    Args:
+        tracks: What moves.
+        t_ns: The instant, ns.
+        config: Growth of the discs.
+
+    Returns:
+        (n, 7) x, y, m, vx, vy, m/s, in map; radius, m; growth of the radius, m/s; and the pace,
+        m/s, at which the thing may turn round at any time.
     """
-    gaps = np.array([gap_after(pose, 0.0, 0.0, 0.0, mover, limits[3:5]) for mover in movers])
-    near = gaps < limits[5] + _RESTLESS_S * tracks.pace_mps
-    return bool((near & (tracks.pace_mps > _STANDS_MPS)).any())
-
-
-class Separation:
-    """Holds a body velocity back for what moves, and gets out of its way."""
-
-    def __init__(
-        self, config: TrackerConfig, vehicle: VehicleConfig, monitor: CollisionMonitor
-    ) -> None:
-        self._monitor = monitor
-        self._limits = stopping_limits(config, vehicle, _DECELERATION_MPS2, _MARGIN_M)
-        self._dodge, self._dodge_ns = (0.0, 0.0), 0
-        self._moved_ns = 0
-
-    def allow(
-        self,
-        speed: float,
-        rate: float,
-        pose: FloatArray,
-        tracks: MoverTracks | None,
-        t_ns: int,
-        dodges: bool = True,
-    ) -> tuple[float, float, str]:
-        """The velocity, m/s and rad/s, that is safe at ``pose`` (3,) among what moves, and its
-        mode: none where it is the one asked for, ``yield`` for a part of it, or ``dodge``.
-
-        dodges: whether it may be another one, that leads out of something's way.
-        """
-        told = self._allow(speed, rate, pose, tracks, t_ns, dodges)
-        if told[0] != 0.0 or told[1] != 0.0:
-            self._moved_ns = t_ns
-        return told
-
-    def _allow(
-        self,
-        speed: float,
-        rate: float,
-        pose: FloatArray,
-        tracks: MoverTracks | None,
-        t_ns: int,
-        dodges: bool,
-    ) -> tuple[float, float, str]:
-        """``allow``, but for remembering since when the robot has been told to stand."""
-        if tracks is None:
-            return speed, rate, ""
-        if t_ns - tracks.t_ns > _STALE_NS:
-            return 0.0, 0.0, "yield"
-        movers = discs_at(tracks, t_ns)
-        stood_ns = t_ns - self._moved_ns
-        restless = stood_ns > _STANDING_NS and is_restless(pose, movers, tracks, self._limits)
-        if restless and stood_ns < _PATIENCE_NS:
-            return 0.0, 0.0, "yield"
-        part = safe_part(pose, speed, rate, movers, self._limits)
-        little = abs(speed) * part < _LITTLE_MPS and abs(rate) * part < _LITTLE_RADPS
-        dodge = self._aside(pose, movers, t_ns) if dodges and little and not restless else None
-        if dodge is not None:
-            return *dodge, "dodge"
-        moves = speed != 0.0 or rate != 0.0
-        return speed * part, rate * part, "yield" if moves and part < 1.0 else ""
-
-    def _aside(self, pose: FloatArray, movers: FloatArray, t_ns: int) -> tuple[float, float] | None:
-        """A velocity out of the way of what is coming; None where to stand is as good."""
-        half = self._limits[3:5]
-        stood = least_gap(pose, 0.0, 0.0, movers, half, _FORESEEN_S)
-        if stood > _THREAT_M:
-            return None
-        if t_ns < self._dodge_ns and stays_clear(pose, *self._dodge, movers, self._limits):
-            return self._monitor.allow(*self._dodge, pose)
-        best, chosen = stood + _WORTH_M, None
-        for speed in _DODGES_MPS:
-            for rate in _DODGES_RADPS:
-                gap = least_gap(pose, speed, rate, movers, half, _FORESEEN_S)
-                if gap > best and stays_clear(pose, speed, rate, movers, self._limits):
-                    free = self._monitor.look_along(speed, rate, pose)[0]
-                    if free >= 1.0:
-                        best, chosen = gap, (speed, rate)
-        if chosen is None:
-            return None
-        self._dodge, self._dodge_ns = chosen, t_ns + _KEEP_NS
-        return chosen
-
-
-def discs_at(tracks: MoverTracks, t_ns: int) -> FloatArray:
-    """(n, 7) of the tracks at an instant, as ``safe_part`` has them."""
     pace = np.hypot(*tracks.velocity_mps.T)
-    grows = _GROWS_MPS + _GROWS_SHARE * pace
     return np.column_stack(
         (
             tracks.places_at(t_ns),
             tracks.velocity_mps,
             tracks.radius_m + tracks.std_m,
-            grows,
+            config.grows_mps + config.grows_share * pace,
             pace,
         )
     )
+
+
+class Separation:
+    """Says what part of a velocity is safe among what moves, and when to stand."""
+
+    def __init__(
+        self,
+        config: SeparationConfig,
+        monitor: MonitorConfig,
+        drive: DriveConfig,
+        vehicle: VehicleConfig,
+    ) -> None:
+        self.config = config
+        self.limits = np.array(
+            [
+                monitor.reaction_s,
+                config.decel_mps2,
+                drive.max_yaw_accel_radps2,
+                0.5 * vehicle.length_m,
+                0.5 * vehicle.width_m,
+                config.margin_m,
+                config.stands_mps,
+            ]
+        )
+        self._stale_ns = round(config.stale_s * 1e9)
+        self._patience_ns = round(config.patience_s * 1e9)
+        self._moved_ns = 0
+
+    def note_motion(self, t_ns: int, moves: bool) -> None:
+        """Remember when the robot was last told to move.
+
+        Args:
+            t_ns: The instant, ns.
+            moves: Whether its velocity is not zero.
+        """
+        if moves:
+            self._moved_ns = t_ns
+
+    def must_stand(self, pose: FloatArray, tracks: MoverTracks, t_ns: int) -> bool:
+        """Say whether the robot must stand whatever it is asked for.
+
+        That is so without recent news of the movers, and for a while where a standing robot has
+        something beside it that moved lately: it may reach the robot before that has got away.
+
+        Args:
+            pose: (3,) of base_link in map, m, m, rad.
+            tracks: What moves.
+            t_ns: The instant, ns.
+
+        Returns:
+            True if it must stand.
+        """
+        if t_ns - tracks.t_ns > self._stale_ns:
+            return True
+        stood_ns = t_ns - self._moved_ns
+        return _STOOD_NS < stood_ns < self._patience_ns and self.is_restless(pose, tracks, t_ns)
+
+    def is_restless(self, pose: FloatArray, tracks: MoverTracks, t_ns: int) -> bool:
+        """Say whether something that moved lately can be at the robot's side before it gets away.
+
+        Args:
+            pose: (3,) of base_link in map, m, m, rad.
+            tracks: What moves.
+            t_ns: The instant, ns.
+
+        Returns:
+            True if it is better to stand, and to be touched standing.
+        """
+        config, half = self.config, self.limits[3:5]
+        movers = mover_discs(tracks, t_ns, config)
+        gaps = np.array([gap_after(pose, 0.0, 0.0, 0.0, mover, half) for mover in movers])
+        near = gaps < config.margin_m + config.restless_s * tracks.pace_mps
+        return bool((near & (tracks.pace_mps > config.stands_mps)).any())

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from pydantic.dataclasses import dataclass
 
 from simloop.common.quantities import STRICT, Length, Point, has_area
-from simloop.config import Friction
+from simloop.config.simulation import Friction
 
 MOST_ROUGH_STEP_S = 0.002
 """The longest physics step over a height field: a hull that falls on its prisms goes deep in one

@@ -1,0 +1,355 @@
+"""Navigation: when to plan, to where, in which view of the world, and which path comes of it.
+
+reason -> goal -> view (map, what moves) -> gap choice (planner) -> plan -> smoother -> path
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+
+from simloop.common.profiler import Profiler
+from simloop.config import Config
+from simloop.geometry.se2 import about_face
+from simloop.messages import (
+    Estimate,
+    Event,
+    FloatArray,
+    GoalReading,
+    Message,
+    MoverTracks,
+    Plan,
+    SmoothPath,
+    WorldView,
+)
+from simloop.navigation.bezier_smoother import Smoother
+from simloop.navigation.feasibility import Reachability, stands_in_the_way
+from simloop.navigation.gap_choice import WidthPlanner
+from simloop.navigation.moving_goal import Pursuit
+from simloop.navigation.planner_world import foresee, opened
+
+_BLOCKED_SLACK_M = 0.02  # the map's grain: a path is blocked only when it clearly is
+_HOPELESS_NS = 500_000_000  # between replans for a blockage that the last plan could not avoid
+_MOVERS_M = 3.0  # a mover nearer than this makes an older plan doubtful
+_MOVERS_NS = 600_000_000  # age at which such a plan is too old
+_NEXT_M = 0.4  # distance on its path to where a robot that is held would like to be
+_NOTHING = np.empty((0, 2))
+
+
+class PlanReason(StrEnum):
+    """Why the robot plans."""
+
+    FIRST = "first"
+    FRAME = "frame"
+    BLOCKED = "blocked"
+    MOVER = "mover"
+    GOAL = "goal"
+    RECOVERED = "recovered"
+    STALE = "stale"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surroundings:
+    """What navigation is told of the robot's own knowledge in one period.
+
+    Attributes:
+        new_scan: Whether a scan came in this period.
+        movers: What moves; None if nothing is known to.
+        standing_m: What stands there although no scan shows it, (k, 2) in map, m: first with all
+            that is guessed of it, then without; ``[None]`` for a robot without a camera.
+        view: Gives the map as a planner sees it: called with a place (2,) that it must cover and
+            one of ``standing_m``.
+    """
+
+    new_scan: bool
+    movers: MoverTracks | None
+    standing_m: Sequence[FloatArray | None]
+    view: Callable[[FloatArray, FloatArray | None], WorldView]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Progress:
+    """How far the robot has come on its path.
+
+    Attributes:
+        path: The path that is followed; None if there is none.
+        next_sample: The first sample of the path that is still to come.
+        is_old: Whether the watchdog finds the path too old.
+        may_plan: Whether the robot is to plan at all: it has a map, has not arrived and does not
+            free itself.
+    """
+
+    path: SmoothPath | None
+    next_sample: int
+    is_old: bool
+    may_plan: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pending:
+    """A plan that is charged with the time that planning takes."""
+
+    due_ns: int
+    plan: Plan
+    smoother: Smoother
+    view: WorldView
+
+
+class Navigator:
+    """Plans, and gives a new path when there is one.
+
+    Attributes:
+        messages: What there is to publish of this period; cleared by the caller.
+        path_ns: When the last path was taken up, ns.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        goal: FloatArray,
+        goal_tolerance_m: float,
+        rng: np.random.Generator,
+        profiler: Profiler,
+        has_camera: bool = False,
+    ) -> None:
+        """goal: (2,) in map, m."""
+        if has_camera:
+            config = _with_camera(config)
+        self._config = config
+        self._goal = Pursuit(goal)
+        self._planner = WidthPlanner(config, rng)
+        self._reach = Reachability(goal_tolerance_m, config.vehicle.width_m)
+        self._pace_mps = config.drive.max_speed_mps
+        self._plan_ns = round(config.rates.plan_s * 1e9)
+        self._offsets = np.array(config.vehicle.footprint_offsets_m)
+        self._plan: Plan | None = None
+        self._pending: _Pending | None = None
+        self._unchecked: list[FloatArray] = []
+        self._planned_ns = self.path_ns = 0
+        self.messages: list[Message] = []
+        self._time = {name: profiler.stage(name) for name in ("slam", "planner", "smoother")}
+
+    @property
+    def goal_is_closed_off(self) -> bool:
+        """Whether the robot takes its goal for unreachable."""
+        return self._reach.hopeless
+
+    @property
+    def goal_moves(self) -> bool:
+        """Whether the robot was ever told of a goal that moves."""
+        return self._goal.moves
+
+    def hear_goal(self, reading: GoalReading) -> None:
+        """Take news of the goal.
+
+        Args:
+            reading: Where it is.
+        """
+        self._goal.hear(reading)
+
+    def goal_at(self, t_ns: int) -> FloatArray:
+        """Say where the goal is at an instant.
+
+        Args:
+            t_ns: The instant, ns.
+
+        Returns:
+            (2,) in map, m.
+        """
+        return self._goal.place(t_ns)
+
+    def note_surfaces(self, surfaces_m: FloatArray) -> None:
+        """Take what is new in the map, to be checked against the path.
+
+        Args:
+            surfaces_m: (k, 2) in map, m.
+        """
+        self._unchecked.append(surfaces_m)
+
+    def forget(self) -> None:
+        """Drop the plan: the robot stands elsewhere than was believed."""
+        self._plan = self._pending = None
+        self._unchecked.clear()
+
+    def distrust_narrow_gaps(self) -> None:
+        """Try no gap below the safety distance from now on: the robot got stuck."""
+        self._planner.distrust_tight_gaps()
+
+    def step(self, estimate: Estimate, now: Surroundings, progress: Progress) -> Plan | None:
+        """Plan if there is a reason to.
+
+        Args:
+            estimate: The belief now.
+            now: What is known of the surroundings.
+            progress: How far the robot has come.
+
+        Returns:
+            The plan that is to be followed from now on, if there is a new one: `smooth` it.
+        """
+        reason = self._reason_to_plan(estimate, now, progress)
+        if reason is not None:
+            self._replan(estimate, reason, now)
+        if self._pending is None or estimate.t_ns < self._pending.due_ns:
+            return None
+        return self._pending.plan
+
+    def smooth(self, estimate: Estimate, reverses: bool) -> SmoothPath:
+        """Take up the plan that `step` returned.
+
+        Args:
+            estimate: The belief now.
+            reverses: Whether the robot goes rear first.
+
+        Returns:
+            The smooth path to follow.
+        """
+        assert self._pending is not None
+        pending, self._pending = self._pending, None
+        self._plan, self.path_ns = pending.plan, estimate.t_ns
+        pose = about_face(estimate.pose) if reverses else estimate.pose
+        with self._time["smoother"]:
+            path = pending.smoother.smooth(pending.plan, pending.view, pose)
+        self.messages.append(path)
+        if pending.plan.safe and not path.safe:
+            text = "the smoothed path comes nearer to something than the safety distance"
+            self.messages.append(Event(estimate.t_ns, "info", text))
+        return path
+
+    def next_place(self, pose: FloatArray, progress: Progress) -> FloatArray | None:
+        """Find the first place of the path ahead that is a little away from the robot.
+
+        Args:
+            pose: (3,) of base_link in map, m, m, rad.
+            progress: How far the robot has come.
+
+        Returns:
+            (2,) in map, m; None without a path.
+        """
+        if progress.path is None:
+            return None
+        ahead = progress.path.xy_m[progress.next_sample :]
+        far = np.hypot(*(ahead - pose[:2]).T) > _NEXT_M
+        return np.asarray(ahead[int(np.argmax(far)) if far.any() else -1])
+
+    def _reason_to_plan(
+        self, estimate: Estimate, now: Surroundings, progress: Progress
+    ) -> PlanReason | None:
+        """Why to plan now: a frame is due, the path ahead is blocked, or there is none yet."""
+        if not progress.may_plan or self._pending is not None:
+            return None
+        if self._plan is None:
+            return PlanReason.FIRST
+        if estimate.t_ns % self._plan_ns == 0:
+            return PlanReason.FRAME
+        if now.new_scan and self._is_blocked(estimate, progress):
+            return PlanReason.BLOCKED
+        if now.new_scan and self._is_near_movers(estimate, now.movers):
+            return PlanReason.MOVER
+        if now.new_scan and self._goal.strays(estimate.t_ns, estimate.pose, self._pace_mps):
+            return PlanReason.GOAL
+        if progress.path is None:
+            return PlanReason.RECOVERED
+        return PlanReason.STALE if progress.is_old else None
+
+    def _is_near_movers(self, estimate: Estimate, movers: MoverTracks | None) -> bool:
+        """Whether something moves so near that a plan of a while ago may lead into its way."""
+        if movers is None or estimate.t_ns - self._planned_ns < _MOVERS_NS:
+            return False
+        return bool((np.hypot(*(movers.position_m - estimate.pose[:2]).T) < _MOVERS_M).any())
+
+    def _is_blocked(self, estimate: Estimate, progress: Progress) -> bool:
+        """Whether what came into the map since the plan's view stands in the path's way."""
+        path = progress.path
+        if path is None or self._plan is None:
+            return False
+        hopeless = not (self._plan.safe and path.safe)
+        if hopeless and estimate.t_ns - self._planned_ns < _HOPELESS_NS:
+            return False
+        limit = self._config.planner.safe_distance_m - _BLOCKED_SLACK_M
+        with self._time["slam"]:
+            surfaces = np.concatenate(self._unchecked or [_NOTHING])
+            self._unchecked.clear()
+            return stands_in_the_way(
+                surfaces,
+                path.xy_m,
+                path.yaw_rad,
+                path.clearance_m,
+                progress.next_sample,
+                self._offsets,
+                limit,
+                _BLOCKED_SLACK_M,
+            )
+
+    def _replan(self, estimate: Estimate, reason: PlanReason, now: Surroundings) -> None:
+        """Plan with all that is guessed to stand there and, if that leaves no way, without."""
+        self._unchecked.clear()
+        pose, t_ns, spent = estimate.pose, estimate.t_ns, 0
+        for standing in now.standing_m:
+            with self._time["slam"]:
+                still = now.view(self._goal.place(t_ns), standing)
+            with self._time["planner"]:
+                room = self._config.planner.safe_distance_m
+                goal = self._goal.aim(still, pose, self._pace_mps, room)
+                view = foresee(still, now.movers, pose, self._pace_mps)
+                plan, smoother, view = self._find_way(view, pose, goal, reason)
+            spent += plan.evaluations
+            if plan.safe:
+                break
+        plan = replace(plan, evaluations=spent)
+        self._planned_ns = t_ns
+        self._pending = _Pending(t_ns + self._latency_ns(plan), plan, smoother, view)
+        self.messages += [plan, view]
+        # What moves may close a way off, and clears it again.
+        stands_still = now.movers is None
+        if stands_still and self._reach.look(still, pose, goal, plan.safe):
+            text = "the goal cannot be reached: what is known closes it off"
+            self.messages.append(Event(t_ns, "warning", text))
+        if not plan.safe:
+            text = "no safe path found; going on with the best"
+            self.messages.append(Event(t_ns, "warning", text))
+
+    def _find_way(
+        self, view: WorldView, pose: FloatArray, goal: FloatArray, reason: PlanReason
+    ) -> tuple[Plan, Smoother, WorldView]:
+        """The plan from ``pose`` (3,) to ``goal`` (2,), what smooths it, and the view that it was
+        found in."""
+        plan, smoother = self._planner.plan(view, pose, goal, self._plan, reason)
+        if plan.safe or view.movers is not None:  # what moves clears the way again
+            return plan, smoother, view
+        wider = opened(view)
+        other, its_smoother = self._planner.plan(wider, pose, goal, self._plan, reason)
+        spent = plan.evaluations + other.evaluations
+        if other.safe:
+            return replace(other, evaluations=spent), its_smoother, wider
+        return replace(plan, evaluations=spent), smoother, view
+
+    def _latency_ns(self, plan: Plan) -> int:
+        """The simulated time that planning takes: given, never measured."""
+        planner = self._config.planner
+        runs = plan.evaluations if planner.latency == "per_evaluation" else 1
+        period = round(self._config.rates.control_s * 1e9)
+        return round(planner.latency_s * runs * 1e9 / period) * period
+
+
+def plan_heading(plan: Plan) -> float:
+    """Compute where a plan leads at its start.
+
+    Args:
+        plan: The plan, at least two waypoints.
+
+    Returns:
+        The heading of its first leg, rad, in map.
+    """
+    ahead, aside = (plan.waypoints_m[1] - plan.waypoints_m[0]).tolist()
+    return math.atan2(aside, ahead)
+
+
+def _with_camera(config: Config) -> Config:
+    """The settings with the lead-in that a robot with a camera takes: it turns first."""
+    smoother = config.smoother
+    turn = min(smoother.lead_in_max_turn_rad, smoother.lead_in_max_turn_with_camera_rad)
+    return replace(config, smoother=replace(smoother, lead_in_max_turn_rad=turn))
