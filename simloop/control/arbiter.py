@@ -331,19 +331,21 @@ class VelocityArbiter:
         config, limits = self._separation.config, self._separation.limits
         if not now.may_evade or now.speed_cap_mps <= 0.0:
             return None
-        half = limits[3:5]
-        ahead = least_gap(
-            now.pose, before, np.array(wanted), self._accelerations, discs, half, config.horizon_s
-        )
-        if ahead > config.threat_m:
+        half, lively = limits[3:5], discs[discs[:, 6] > config.stands_mps]
+
+        def predict(target: FloatArray) -> float:
+            return least_gap(
+                now.pose, before, target, self._accelerations, lively, half, config.horizon_s
+            )
+
+        # Who is not reached standing may wait, and who is not reached driving on may do that.
+        stood = predict(np.zeros(2))
+        if stood > config.threat_m or predict(np.array(wanted)) > config.threat_m:
             return None
         if now.t_ns < self._evasion_until_ns and stays_clear(
             now.pose, *self._evasion, discs, limits
         ):
             return self._evasion
-        stood = least_gap(
-            now.pose, before, np.zeros(2), self._accelerations, discs, half, config.horizon_s
-        )
         fan = self._fan if now.may_reverse else self._fan[self._fan[:, 0] >= 0.0]
         best = evade(
             now.pose,

@@ -7,17 +7,17 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from helpers.tracking import DRIVE, MONITOR, allowed, drive_of, monitor_of
 from helpers.vehicles import plant_on_plane
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simloop.config import EncoderConfig, MotorConfig, TrackerConfig, VehicleConfig
-from simloop.control.collision_monitor import CollisionMonitor, steadied
+from simloop.config import EncoderConfig, VehicleConfig
+from simloop.control.collision_monitor import average_along_surfaces
 from simloop.ekf import GAUGE
 from simloop.geometry.footprint import free_fraction, points_in, rectangle_distance
-from simloop.messages import Estimate
+from simloop.messages import Estimate, Mode, Velocity
 from simloop.sensors import Encoders
-from simloop.tracker import Drive
 from simloop.worlds.outline_gap import outline_corners
 
 HALF_LENGTH, HALF_WIDTH = 0.245, 0.2325
@@ -25,19 +25,19 @@ ORIGIN = np.zeros(3)
 
 
 def monitor_seeing(*points):
-    monitor = CollisionMonitor(TrackerConfig(), VehicleConfig())
+    monitor = monitor_of()
     monitor.observe(np.array(points, float).reshape(-1, 2), ORIGIN)
     return monitor
 
 
 def test_with_nothing_in_sight_all_is_allowed():
-    assert monitor_seeing().allow(0.45, 1.0, ORIGIN) == (0.45, 1.0)
-    assert monitor_seeing((3.0, 0.0)).allow(0.45, 1.0, ORIGIN) == (0.45, 1.0)
+    assert allowed(monitor_seeing(), 0.45, 1.0, ORIGIN) == (0.45, 1.0)
+    assert allowed(monitor_seeing((3.0, 0.0)), 0.45, 1.0, ORIGIN) == (0.45, 1.0)
 
 
 def test_it_slows_before_an_obstacle_and_stops_at_it():
     speeds = [
-        monitor_seeing((HALF_LENGTH + gap, 0.0)).allow(0.45, 0.0, ORIGIN)[0]
+        allowed(monitor_seeing((HALF_LENGTH + gap, 0.0)), 0.45, 0.0, ORIGIN)[0]
         for gap in (0.5, 0.15, 0.08, 0.03, 0.011)
     ]
     assert speeds[0] == 0.45
@@ -48,18 +48,16 @@ def test_it_slows_before_an_obstacle_and_stops_at_it():
 @given(st.floats(0.05, 0.45), st.floats(0.02, 0.6))
 @settings(max_examples=80)
 def test_the_allowed_speed_can_be_braked_away_before_the_obstacle(asked, gap):
-    config = TrackerConfig()
-    allowed, _ = monitor_seeing((HALF_LENGTH + gap, 0.0)).allow(asked, 0.0, ORIGIN)
-    assert allowed * 0.01 + allowed**2 / (2 * config.max_decel_mps2) <= gap + 1e-9
+    speed, _ = allowed(monitor_seeing((HALF_LENGTH + gap, 0.0)), asked, 0.0, ORIGIN)
+    assert speed * 0.01 + speed**2 / (2 * DRIVE.max_decel_mps2) <= gap + 1e-9
 
 
 @given(st.floats(0.05, 0.45), st.floats(0.02, 0.2))
 @settings(max_examples=80)
 def test_the_allowed_speed_leaves_time_to_react_before_braking(asked, gap):
-    config = TrackerConfig()
-    allowed, _ = monitor_seeing((HALF_LENGTH + gap, 0.0)).allow(asked, 0.0, ORIGIN)
-    way = allowed * config.monitor_reaction_s + allowed**2 / (2 * config.max_decel_mps2)
-    assert way <= gap - config.monitor_margin_m + 1e-3
+    speed, _ = allowed(monitor_seeing((HALF_LENGTH + gap, 0.0)), asked, 0.0, ORIGIN)
+    way = speed * MONITOR.reaction_s + speed**2 / (2 * DRIVE.max_decel_mps2)
+    assert way <= gap - MONITOR.margin_m + 1e-3
 
 
 def test_what_was_seen_in_the_last_scans_stays_where_it_was_seen():
@@ -68,28 +66,28 @@ def test_what_was_seen_in_the_last_scans_stays_where_it_was_seen():
     pose = np.array([0.3, 0.0, 0.0])
     monitor.observe(np.array([[0.0, 3.0]]), pose)
     assert pytest.approx(0.055) == 0.6 - 0.3 - HALF_LENGTH
-    assert monitor.allow(0.45, 0.0, pose)[0] < 0.25
+    assert allowed(monitor, 0.45, 0.0, pose)[0] < 0.25
     turned = np.array([0.0, 0.0, 0.5 * math.pi])
     monitor.observe(np.array([[0.0, 3.0]]), turned)  # now it is to the right
-    assert monitor.allow(0.45, 0.0, turned)[0] == 0.45
+    assert allowed(monitor, 0.45, 0.0, turned)[0] == 0.45
 
 
 def test_what_is_beside_the_robot_hinders_turning_and_not_driving():
     monitor = monitor_seeing((HALF_LENGTH - 0.01, HALF_WIDTH + 0.02))
-    assert monitor.allow(-0.12, 0.0, ORIGIN)[0] == -0.12
-    assert abs(monitor.allow(0.0, 1.0, ORIGIN)[1]) < 1.0
+    assert allowed(monitor, -0.12, 0.0, ORIGIN)[0] == -0.12
+    assert abs(allowed(monitor, 0.0, 1.0, ORIGIN)[1]) < 1.0
 
 
 def test_the_way_back_from_an_obstacle_is_free():
     monitor = monitor_seeing((HALF_LENGTH + 0.002, 0.0))
-    assert monitor.allow(0.3, 0.0, ORIGIN)[0] == 0.0
-    assert monitor.allow(-0.12, 0.0, ORIGIN)[0] == -0.12
+    assert allowed(monitor, 0.3, 0.0, ORIGIN)[0] == 0.0
+    assert allowed(monitor, -0.12, 0.0, ORIGIN)[0] == -0.12
 
 
 def test_points_move_with_the_robot_between_scans():
     monitor = monitor_seeing((HALF_LENGTH + 0.4, 0.0))
-    assert monitor.allow(0.45, 0.0, ORIGIN)[0] == 0.45
-    assert monitor.allow(0.45, 0.0, np.array([0.38, 0.0, 0.0]))[0] < 0.2
+    assert allowed(monitor, 0.45, 0.0, ORIGIN)[0] == 0.45
+    assert allowed(monitor, 0.45, 0.0, np.array([0.38, 0.0, 0.0]))[0] < 0.2
 
 
 @given(*[st.floats(-3, 3)] * 6)
@@ -133,32 +131,31 @@ def test_noise_beside_a_wall_does_not_stop_a_robot_that_can_pass_it():
     rng = np.random.default_rng(0)
     held = 0
     for _ in range(50):
-        monitor = CollisionMonitor(TrackerConfig(), VehicleConfig())
+        monitor = monitor_of()
         for _ in range(3):
             bearing = np.radians(np.arange(20.0, 160.0))
             ranges = (HALF_WIDTH + 0.0275) / np.sin(bearing) + rng.normal(0.0, 0.01, 140)
             rays = np.column_stack((np.cos(bearing), np.sin(bearing)))
             monitor.observe(ranges[:, None] * rays, ORIGIN)
-        held += monitor.allow(0.45, 0.0, ORIGIN)[0] < 0.45
+        held += allowed(monitor, 0.45, 0.0, ORIGIN)[0] < 0.45
     assert held <= 2
 
 
 def test_steadied_points_stay_on_their_surface_and_lone_ones_stay_put():
     bearing = np.linspace(-1.0, 1.0, 81)
     wall = np.column_stack((np.full(81, 0.4), 0.4 * np.tan(bearing)))
-    np.testing.assert_allclose(steadied(wall, 4, 0.05)[:, 0], 0.4, atol=1e-12)
+    np.testing.assert_allclose(average_along_surfaces(wall, 4, 0.05)[:, 0], 0.4, atol=1e-12)
     post = wall.copy()
     post[40] = (0.2, 0.0)
-    np.testing.assert_array_equal(steadied(post, 4, 0.05)[40], post[40])
+    np.testing.assert_array_equal(average_along_surfaces(post, 4, 0.05)[40], post[40])
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.5, -0.9])
 def test_a_wall_put_in_front_at_full_speed_is_not_touched(angle):
     """From full speed in the plant, noisy scans each 0.1 s, no plan that knows of the wall."""
-    plant, config = plant_on_plane(), TrackerConfig()
+    plant, config = plant_on_plane(), DRIVE
     truth, rng = plant.reset(np.zeros(3)), np.random.default_rng(1)
-    monitor = CollisionMonitor(config, VehicleConfig())
-    drive = Drive(config, MotorConfig(), EncoderConfig(), VehicleConfig(), 0.01)
+    monitor, drive = monitor_of(), drive_of()
     encoders, along = Encoders(EncoderConfig()), np.linspace(-1.5, 1.5, 400)
     normal = np.array([np.cos(angle), np.sin(angle)])
     tangent = np.array([-np.sin(angle), np.cos(angle)])
@@ -172,11 +169,11 @@ def test_a_wall_put_in_front_at_full_speed_is_not_touched(angle):
             seen = (wall - pose[:2]) @ np.array([[cos, -sin], [sin, cos]])
             monitor.observe(seen + rng.normal(0.0, 0.007, seen.shape), pose)
         asked = min(command[0] + 0.008, config.max_speed_mps)
-        command = monitor.allow(asked, 0.0, pose)
+        command = allowed(monitor, asked, 0.0, pose)
         state = np.zeros(7)
         state[GAUGE] = 1.23
         estimate = Estimate(truth.t_ns, state, np.eye(7))
-        sent = drive.command((*command, "test"), estimate, encoders.read(truth))
+        sent = drive.command(Velocity(*command), Mode.FOLLOW, estimate, encoders.read(truth))
         truth = plant.step(sent.voltage_v)
         fastest = max(fastest, truth.velocity_body[0])
     corners = outline_corners(truth.pose_xyyaw[None], VehicleConfig())[0]

@@ -6,17 +6,18 @@ import math
 
 import numpy as np
 import pytest
+from helpers.tracking import VEHICLE, allowed, arbiter_of, monitor_of, situation
 
-from simloop.config import TrackerConfig, VehicleConfig
-from simloop.control.collision_monitor import CollisionMonitor
-from simloop.control.recovery import MOST_RECOVERIES, Recovery
+from simloop.config import RecoveryConfig
+from simloop.control.arbiter import STILL, VelocityArbiter
+from simloop.control.recovery import Recovery
 from simloop.ekf import GAUGE
 from simloop.geometry.footprint import room_after
 from simloop.loop import Simulation
-from simloop.messages import Estimate, Event
+from simloop.messages import Estimate, Event, Mode
 from simloop.scenario.load import load
 
-CONFIG, VEHICLE = TrackerConfig(), VehicleConfig()
+CONFIG = RecoveryConfig()
 HALF_LENGTH, HALF_WIDTH = 0.5 * VEHICLE.length_m, 0.5 * VEHICLE.width_m
 TICK_NS = 10_000_000
 
@@ -35,17 +36,20 @@ def seen_from(pose, points):
 def recover(points, towards=None, attempt=1):
     """One recovery of a robot at the origin that moves just as the monitor allows: its poses."""
     points, pose = np.array(points, float).reshape(-1, 2), np.zeros(3)
-    monitor = CollisionMonitor(CONFIG, VEHICLE)
-    recovery, poses = Recovery(CONFIG, monitor), [pose.copy()]
+    monitor, arbiter, last = monitor_of(), arbiter_of(), STILL
+    recovery, poses = Recovery(CONFIG), [pose.copy()]
     for _ in range(attempt):
         recovery.start(estimate_at(0), None if towards is None else np.array(towards, float))
     for tick in range(2000):
         if tick % 10 == 0:
             monitor.observe(seen_from(pose, points), pose)
-        speed, rate, _ = recovery.velocity(estimate_at(tick * TICK_NS, pose))
-        if not recovery.active:
+        t_ns = tick * TICK_NS
+        if not recovery.goes_on(estimate_at(t_ns, pose)):
             return np.array(poses)
-        speed, rate = monitor.allow(speed, rate, pose)
+        seen = monitor.points_at(pose)
+        now = situation(pose, seen, t_ns, stuck=True, towards=recovery.towards)
+        last, _ = arbiter.choose(STILL, last, now)
+        speed, rate = last
         middle = pose[2] + 0.005 * rate
         pose += 0.01 * np.array([speed * math.cos(middle), speed * math.sin(middle), rate])
         poses.append(pose.copy())
@@ -80,10 +84,10 @@ def test_blocked_at_both_ends_it_finds_the_arc_that_is_free(side):
     points = np.concatenate(
         [line((s * end, s * side * 0.12), (s * end, s * side * 0.4)) for s in (-1.0, 1.0)]
     )
-    monitor = CollisionMonitor(CONFIG, VEHICLE)
+    monitor = monitor_of()
     monitor.observe(points, np.zeros(3))
-    assert monitor.allow(0.12, 0.0, np.zeros(3))[0] == 0.0
-    assert monitor.allow(-0.12, 0.0, np.zeros(3))[0] == 0.0
+    assert allowed(monitor, 0.12, 0.0, np.zeros(3))[0] == 0.0
+    assert allowed(monitor, -0.12, 0.0, np.zeros(3))[0] == 0.0
     poses = recover(points)
     assert side * poses[-1, 2] > 0.2
     assert least_room(points, poses[-1:]) > least_room(points, poses[:1]) + 0.01
@@ -113,9 +117,9 @@ def test_it_ends_when_it_has_come_its_way():
 
 def watched(poses_of, wants_to_move=True, seconds=10.0):
     """Seconds until a robot that moves as ``poses_of(t)`` says is called stuck; inf if never."""
-    recovery = Recovery(CONFIG, CollisionMonitor(CONFIG, VEHICLE))
+    recovery = Recovery(CONFIG)
     for tick in range(round(seconds * 100)):
-        if recovery.watch(estimate_at(tick * TICK_NS, poses_of(0.01 * tick)), wants_to_move):
+        if recovery.is_stuck(estimate_at(tick * TICK_NS, poses_of(0.01 * tick)), wants_to_move):
             return 0.01 * tick
     return math.inf
 
@@ -141,10 +145,10 @@ def test_who_turns_to_and_fro_is_stuck_in_the_end():
 
 
 def test_a_run_whose_robot_is_held_for_ever_ends_stuck(monkeypatch):
-    monkeypatch.setattr(CollisionMonitor, "allow", lambda self, speed, rate, pose: (0.0, 0.0))
+    held = lambda self, asked, last, now: (STILL, Mode.HELD)  # noqa: E731
+    monkeypatch.setattr(VelocityArbiter, "choose", held)
     events = []
     listen = [lambda m: events.append(m) if isinstance(m, Event) else None]
     result = Simulation(load("open"), listeners=listen).run()
     assert result.outcome == "stuck"
-    assert sum("stuck" in e.text for e in events) == MOST_RECOVERIES + 1
-    assert result.metrics["path_length_m"] < 0.01
+    assert sum("stuck" in e.text for e in events) == CONFIG.attempts + 1

@@ -7,19 +7,29 @@ import math
 import numpy as np
 import pytest
 from helpers.paths import smooth
-from helpers.tracking import CONFIG, ENCODER, MOTOR, VEHICLE, K, at_pose, estimate_of, tracker_to
+from helpers.tracking import (
+    DRIVE,
+    ENCODER,
+    MONITOR,
+    VEHICLE,
+    K,
+    Slewed,
+    at_pose,
+    drive_of,
+    estimate_of,
+    monitor_of,
+    tracker_to,
+)
 from helpers.vehicles import plant_on_plane
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simloop.control.arbiter import rear_first
-from simloop.control.collision_monitor import CollisionMonitor
 from simloop.geometry.se2 import about_face, wrap_angle
 from simloop.loop import Simulation
 from simloop.messages import TrackCommand
 from simloop.scenario.load import load
 from simloop.sensors import Encoders
-from simloop.tracker import Drive
 from simloop.truth import Truth
 from simloop.worlds.outline_gap import outline_corners
 
@@ -28,7 +38,7 @@ CORNER_M = math.hypot(VEHICLE.length_m, VEHICLE.width_m) / 2.0
 
 
 def seeing(points):
-    monitor = CollisionMonitor(CONFIG, VEHICLE)
+    monitor = monitor_of()
     monitor.observe(np.array(points, float).reshape(-1, 2), ORIGIN)
     return monitor
 
@@ -39,7 +49,7 @@ def lane(half_width):
 
 
 NARROW, WIDE = lane(CORNER_M - 0.01), lane(CORNER_M + 0.05)
-JUST = lane(CORNER_M + CONFIG.monitor_margin_m + 0.01)  # room to turn, and none to spare
+JUST = lane(CORNER_M + MONITOR.margin_m + 0.01)  # room to turn, and none to spare
 
 
 @pytest.mark.parametrize("yaw", [0.0, 1.0, -1.5])
@@ -73,7 +83,7 @@ def test_a_turn_is_free_when_no_corner_meets_a_point_in_it(seed):
     point = far * np.array([math.cos(bearing), math.sin(bearing)])
     turned, extra = rng.uniform(-math.pi, math.pi), rng.uniform(0.0, 0.05)
     nearest = min(distance_to(point, a) for a in np.linspace(0.0, turned, 400))
-    need = CONFIG.monitor_margin_m + extra
+    need = MONITOR.margin_m + extra
     if distance_to(point, 0.0) > need + 2e-3 and abs(nearest - need) > 2e-3:
         free = seeing([point]).can_turn(turned, ORIGIN, extra)
         assert free == (nearest > need)
@@ -103,15 +113,14 @@ def test_it_follows_a_bend_rear_first_within_centimetres():
     path, plant = smooth(points, about_face(start)), plant_on_plane()
     truth, tracker = plant.reset(start), tracker_to(points[-1])
     tracker.follow(path, K, reverses=True)
-    drive, encoders = Drive(CONFIG, MOTOR, ENCODER, VEHICLE, 0.01), Encoders(ENCODER)
+    slewed = Slewed(tracker)
+    drive, encoders = drive_of(), Encoders(ENCODER)
     for _ in range(2000):
         estimate = estimate_of(truth)
-        speed, rate, mode = tracker.velocity(estimate)
-        assert speed <= 0.0
+        velocity, mode = slewed.velocity(estimate)
+        assert velocity.speed_mps <= 0.0
         assert mode in ("follow", "arrived")
-        truth = plant.step(
-            drive.command((speed, rate, mode), estimate, encoders.read(truth)).voltage_v
-        )
+        truth = plant.step(drive.command(velocity, mode, estimate, encoders.read(truth)).voltage_v)
         assert np.hypot(*(path.xy_m - truth.pose_xyyaw[:2]).T).min() < 0.03
         if tracker.arrived and abs(truth.velocity_body[0]) < 1e-3:
             break
@@ -126,8 +135,8 @@ def test_rear_first_the_law_is_that_of_a_robot_the_other_way_round(aside):
     front.follow(path, K)
     rear.follow(path, K, reverses=True)
     for k in range(20):
-        ahead = front.velocity(at_pose(0.02 * k, aside, 0.1))
-        behind = rear.velocity(at_pose(0.02 * k, aside, 0.1 + math.pi))
+        ahead, _ = front.velocity(at_pose(0.02 * k, aside, 0.1))
+        behind, _ = rear.velocity(at_pose(0.02 * k, aside, 0.1 + math.pi))
         assert behind[0] == pytest.approx(-ahead[0])
         assert behind[1] == pytest.approx(ahead[1])
 
@@ -135,15 +144,15 @@ def test_rear_first_the_law_is_that_of_a_robot_the_other_way_round(aside):
 def test_changing_ends_on_the_way_keeps_the_limits():
     tracker = tracker_to((9, 9))
     tracker.follow(smooth([(0, 0), (3.0, 0.0)], (0, 0, 0)), K, reverses=True)
-    asked = []
+    asked, slewed = [], Slewed(tracker)
     for k in range(150):
         tracker.reverses = k < 80
-        asked.append(tracker.velocity(at_pose(0.5, 0.0, math.pi))[:2])
+        asked.append(slewed.velocity(at_pose(0.5, 0.0, math.pi, 0.01 * k))[0])
     speed, rate = np.array(asked).T
     assert speed.min() < -0.3
-    assert np.abs(np.diff(speed)).max() <= 2.0 * CONFIG.max_decel_mps2 * 0.01 + 1e-9
+    assert np.abs(np.diff(speed)).max() <= DRIVE.max_brake_mps2 * 0.01 + 1e-9
     assert speed[-1] == 0.0
-    assert abs(rate[-1]) == pytest.approx(CONFIG.max_yaw_rate_radps)
+    assert abs(rate[-1]) == pytest.approx(DRIVE.max_yaw_rate_radps)
 
 
 def test_a_maze_with_a_dead_end_too_narrow_to_turn_in_is_left_rear_first():

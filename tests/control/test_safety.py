@@ -12,9 +12,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.stopping import (
-    CONFIG,
     HALF,
-    VEHICLE,
     at_arc,
     box,
     drive_blindly,
@@ -22,11 +20,12 @@ from helpers.stopping import (
     in_frame,
     samples,
 )
+from helpers.tracking import DRIVE, MONITOR, allowed, monitor_of
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from simloop.control.collision_monitor import CollisionMonitor, allowed_part
-from simloop.geometry.footprint import free_fraction
+from simloop.control.collision_monitor import stoppable_part
+from simloop.geometry.footprint import free_fraction, points_in
 from simloop.loop import Simulation
 from simloop.messages import LidarScan
 from simloop.scenario.load import load
@@ -34,14 +33,14 @@ from simloop.truth import Truth
 
 LIMITS = np.array(
     [
-        CONFIG.monitor_reaction_s,
-        CONFIG.max_decel_mps2,
-        CONFIG.max_yaw_accel_radps2,
+        MONITOR.reaction_s,
+        DRIVE.max_decel_mps2,
+        DRIVE.max_yaw_accel_radps2,
         *HALF,
-        CONFIG.monitor_margin_m,
+        MONITOR.margin_m,
     ]
 )
-MARGIN = CONFIG.monitor_margin_m
+MARGIN = MONITOR.margin_m
 ORIGIN = np.zeros(3)
 EATEN = 0.009  # of the margin, by what lies between two steps along an arc
 
@@ -65,8 +64,8 @@ def points_about(draw, nearest=0.001, most=6):
 
 def stopping_arc(speed, rate, part):
     """Way, m, and turn, rad, of a part of a velocity: the reaction time, then braking."""
-    braking = max(abs(speed) / CONFIG.max_decel_mps2, abs(rate) / CONFIG.max_yaw_accel_radps2)
-    lasts = part * CONFIG.monitor_reaction_s + 0.5 * part**2 * braking
+    braking = max(abs(speed) / DRIVE.max_decel_mps2, abs(rate) / DRIVE.max_yaw_accel_radps2)
+    lasts = part * MONITOR.reaction_s + 0.5 * part**2 * braking
     return speed * lasts, rate * lasts
 
 
@@ -80,7 +79,7 @@ def least_gaps(points, ahead, turned):
 @given(points_about(), speeds, rates)
 @settings(max_examples=400, deadline=None)
 def test_what_is_allowed_can_be_stopped_before_every_point(points, speed, rate):
-    part = allowed_part(points, ORIGIN, ORIGIN, speed, rate, LIMITS)
+    part = stoppable_part(points, speed, rate, LIMITS)
     assert 0.0 <= part <= 1.0
     least, now = least_gaps(points, *stopping_arc(speed, rate, part)), gaps(ORIGIN, points)
     outside = now >= MARGIN
@@ -95,8 +94,10 @@ def test_what_is_allowed_can_be_stopped_before_every_point(points, speed, rate):
 def test_it_holds_wherever_the_robot_has_come_since_the_scan(points, speed, rate, pose, seen_from):
     """points lie about the robot where it is now; they were seen from elsewhere."""
     in_map = points_in_map(points, pose)
-    part = allowed_part(in_frame(seen_from, in_map), seen_from, pose, speed, rate, LIMITS)
-    again = allowed_part(points, ORIGIN, ORIGIN, speed, rate, LIMITS)
+    part = stoppable_part(
+        points_in(pose, seen_from, in_frame(seen_from, in_map)), speed, rate, LIMITS
+    )
+    again = stoppable_part(points, speed, rate, LIMITS)
     least = least_gaps(points, *stopping_arc(speed, rate, part))
     assert (least > MARGIN - EATEN).all()
     assert part == pytest.approx(again, abs=0.02) or min(part, again) == 0.0
@@ -115,7 +116,7 @@ def test_a_pose_that_has_drifted_by_less_than_the_margin_touches_nothing(
     """The robot stands ``drift`` m off from where it takes itself to stand."""
     off = drift * np.array([math.cos(towards), math.sin(towards)])
     believed = np.array([*off, 0.0])
-    part = allowed_part(points, ORIGIN, believed, speed, rate, LIMITS)
+    part = stoppable_part(points_in(believed, ORIGIN, points), speed, rate, LIMITS)
     assert (least_gaps(points, *stopping_arc(speed, rate, part)) > 0.0).all()
 
 
@@ -123,8 +124,8 @@ def test_a_pose_that_has_drifted_by_less_than_the_margin_touches_nothing(
 @settings(max_examples=200, deadline=None)
 def test_more_in_sight_never_allows_more(some, more, speed, rate):
     both = np.concatenate([some, more])
-    alone = allowed_part(some, ORIGIN, ORIGIN, speed, rate, LIMITS)
-    assert allowed_part(both, ORIGIN, ORIGIN, speed, rate, LIMITS) <= alone + 1e-12
+    alone = stoppable_part(some, speed, rate, LIMITS)
+    assert stoppable_part(both, speed, rate, LIMITS) <= alone + 1e-12
 
 
 @given(st.floats(0.013, 0.6), st.floats(0.0, 0.5), st.floats(0.05, 0.45))
@@ -132,7 +133,7 @@ def test_more_in_sight_never_allows_more(some, more, speed, rate):
 def test_further_off_never_allows_less_straight_ahead(gap, further, speed):
     def allowed(gap_m):
         point = np.array([[HALF[0] + gap_m, 0.0]])
-        return allowed_part(point, ORIGIN, ORIGIN, speed, 0.0, LIMITS)
+        return stoppable_part(point, speed, 0.0, LIMITS)
 
     # A step's halving tells 1/16 of a step: a millimetre and a bit.
     assert allowed(gap + further) >= allowed(gap) - 0.02 or allowed(gap + further) == 0.0
@@ -144,11 +145,11 @@ def test_further_off_never_allows_less_straight_ahead(gap, further, speed):
 def test_asking_for_less_gives_no_more_and_asking_for_what_was_allowed_gives_that(
     points, speed, rate, share
 ):
-    part = allowed_part(points, ORIGIN, ORIGIN, speed, rate, LIMITS)
-    less = allowed_part(points, ORIGIN, ORIGIN, share * speed, share * rate, LIMITS)
+    part = stoppable_part(points, speed, rate, LIMITS)
+    less = stoppable_part(points, share * speed, share * rate, LIMITS)
     assert share * less <= max(share, part) + 0.06
     if 0.3 < part < 1.0:  # below, a tenth of what is asked for is taken for nothing
-        again = allowed_part(points, ORIGIN, ORIGIN, part * speed, part * rate, LIMITS)
+        again = stoppable_part(points, part * speed, part * rate, LIMITS)
         assert again > 0.85
 
 
@@ -168,14 +169,14 @@ def test_a_corner_does_not_pass_a_point_within_the_margin_between_two_steps():
         point = radius * np.array([[math.cos(bearing + off), math.sin(bearing + off)]])
         if not 0.0 < gaps(ORIGIN, point)[0] < MARGIN:
             continue
-        part = allowed_part(point, ORIGIN, ORIGIN, 0.0, 1.0, LIMITS)
+        part = stoppable_part(point, 0.0, 1.0, LIMITS)
         assert least_gaps(point, *stopping_arc(0.0, 1.0, part))[0] > 0.0
         hit += least_gaps(point, 0.0, 0.1)[0] < 0.0
     assert hit > 10
 
 
 def monitor_seeing(points):
-    monitor = CollisionMonitor(CONFIG, VEHICLE)
+    monitor = monitor_of()
     monitor.observe(points, ORIGIN)
     return monitor
 
@@ -184,17 +185,17 @@ def monitor_seeing(points):
 @settings(max_examples=50, deadline=None)
 def test_told_to_forget_it_is_blind_and_sees_again_with_the_next_scan(points, speed, rate):
     monitor = monitor_seeing(points)
-    before = monitor.allow(speed, rate, ORIGIN)
+    before = allowed(monitor, speed, rate, ORIGIN)
     monitor.forget()
-    assert monitor.allow(speed, rate, ORIGIN) == (speed, rate)
+    assert allowed(monitor, speed, rate, ORIGIN) == (speed, rate)
     monitor.observe(points, ORIGIN)
-    assert monitor.allow(speed, rate, ORIGIN) == pytest.approx(before)
+    assert allowed(monitor, speed, rate, ORIGIN) == pytest.approx(before)
 
 
 @given(points_about(), speeds, rates)
 @settings(max_examples=100, deadline=None)
 def test_a_velocity_is_scaled_as_a_whole_and_its_arc_is_kept(points, speed, rate):
-    v, w = monitor_seeing(points).allow(speed, rate, ORIGIN)
+    v, w = allowed(monitor_seeing(points), speed, rate, ORIGIN)
     assert v * rate == pytest.approx(w * speed, abs=1e-9)
     assert abs(v) <= abs(speed) and abs(w) <= abs(rate)
     assert v * speed >= 0.0 and w * rate >= 0.0
@@ -203,12 +204,12 @@ def test_a_velocity_is_scaled_as_a_whole_and_its_arc_is_kept(points, speed, rate
 def test_what_lies_beyond_its_notice_could_not_be_met_before_the_next_scans():
     """For any speed and brakes, and with three scans that do not come."""
     for top, decel in ((0.45, 0.6), (1.5, 6.0), (1.5, 0.3), (0.2, 6.0)):
-        config = replace(CONFIG, max_speed_mps=top, max_decel_mps2=decel)
-        monitor = CollisionMonitor(config, VEHICLE)
-        way = top * (0.4 + config.monitor_reaction_s + 0.5 * top / decel)
+        drive = replace(DRIVE, max_speed_mps=top, max_decel_mps2=decel, max_brake_mps2=12.0)
+        monitor = monitor_of(drive=drive)
+        way = top * (0.4 + MONITOR.reaction_s + 0.5 * top / decel)
         monitor.observe(np.array([[HALF[0] + MARGIN + way - 1e-6, 0.0]]), ORIGIN)
         come = np.array([top * 0.4 + 1e-3, 0.0, 0.0])
-        assert monitor.allow(top, 0.0, come)[0] < top, (top, decel)
+        assert allowed(monitor, top, 0.0, come)[0] < top, (top, decel)
 
 
 boxes = st.tuples(
@@ -238,13 +239,13 @@ def test_sent_blindly_about_a_room_it_touches_nothing(room, speed, rate, noise_m
     assert least > 0.0
 
 
-def test_the_blind_drive_would_hit_without_a_monitor(monkeypatch):
+def test_the_blind_drive_would_hit_without_a_monitor():
     """What the test above asserts can fail."""
     wall = box(1.0, 0.0, 0.0, 0.2, 2.0)
     least, moves = drive_blindly(wall, 0.45, 0.0)
     assert 0.0 < least < 0.05 and abs(moves[0]) < 0.02
-    monkeypatch.setattr(CollisionMonitor, "allow", lambda _, speed, rate, __: (speed, rate))
-    assert drive_blindly(wall, 0.45, 0.0)[0] < 0.0
+    blind = drive_blindly(wall, 0.45, 0.0, allow=lambda _, speed, rate, __: (speed, rate))
+    assert blind[0] < 0.0
 
 
 def test_a_scan_that_comes_late_is_placed_where_it_was_taken():

@@ -7,26 +7,26 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.tracking import DRIVE, arbiter_of, separation_of, situation
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from simloop.config import TrackerConfig, VehicleConfig
-from simloop.control.collision_monitor import CollisionMonitor
+from simloop.config import SeparationConfig
+from simloop.control.arbiter import STILL
 from simloop.control.separation import (
-    Separation,
-    discs_at,
     gap_after,
     least_gap,
+    mover_discs,
     safe_part,
     stays_clear,
 )
-from simloop.messages import GoalReading, MoverTracks, WorldView
+from simloop.messages import GoalReading, Mode, MoverTracks, Velocity, WorldView
 from simloop.navigation.moving_goal import Pursuit
 from simloop.navigation.planner_world import foresee, meeting_time, put_discs
 from simloop.perception.changes import ChangeDetector
 from simloop.perception.mover_tracks import MoverWatch, cluster, things_in
 
-LIMITS = np.array([0.15, 1.0, 6.0, 0.245, 0.2325, 0.06])
+LIMITS = np.array([0.15, 1.0, 6.0, 0.245, 0.2325, 0.06, 0.1])
 HALF = LIMITS[3:5]
 SCAN_NS = 100_000_000
 coordinate = st.floats(-2.0, 2.0)
@@ -172,7 +172,7 @@ def test_a_mover_stands_in_the_planners_world_where_it_will_be_met():
 def test_a_robot_that_yields_stands_before_it_is_reached(x, y, vx, vy, speed, rate):
     """The part that is allowed, braked in its time, keeps the mover off until the robot stands."""
     pose = np.zeros(3)
-    mover = discs_at(tracks_of((x, y, vx, vy, 0.2)), 0)
+    mover = mover_discs(tracks_of((x, y, vx, vy, 0.2)), 0, SeparationConfig())
     assume(gap_after(pose, 0.0, 0.0, 0.0, mover[0], HALF) > LIMITS[5])
     part = safe_part(pose, speed, rate, mover, LIMITS)
     v, w = part * speed, part * rate
@@ -191,7 +191,9 @@ def test_a_robot_that_yields_stands_before_it_is_reached(x, y, vx, vy, speed, ra
 
 def test_next_to_the_robot_only_what_goes_away_or_stands_lets_it_drive():
     def clear(vx, vy, speed):
-        mover = discs_at(tracks_of((0.49, 0.0, vx, vy, 0.2)), 0)  # 4.5 cm before the front
+        mover = mover_discs(
+            tracks_of((0.49, 0.0, vx, vy, 0.2)), 0, SeparationConfig()
+        )  # 4.5 cm before the front
         return stays_clear(np.zeros(3), speed, 0.0, mover, LIMITS)
 
     assert clear(0.0, 0.0, -0.2)
@@ -201,50 +203,65 @@ def test_next_to_the_robot_only_what_goes_away_or_stands_lets_it_drive():
     assert not clear(0.0, 0.3, -0.2)
 
 
-def separation():
-    config, vehicle = TrackerConfig(), VehicleConfig()
-    monitor = CollisionMonitor(config, vehicle, 0.1)
-    return Separation(config, vehicle, monitor)
+ACCELERATIONS = np.array([DRIVE.max_accel_mps2, DRIVE.max_yaw_accel_radps2])
 
 
-def test_it_drives_on_yields_dodges_and_stands_without_news():
-    pose = np.zeros(3)
-    assert separation().allow(0.4, 0.1, pose, None, 0) == (0.4, 0.1, "")
+def choose(asked, tracks, t_ns=0, last=STILL, **others):
+    return arbiter_of().choose(
+        Velocity(*asked), last, situation(t_ns=t_ns, movers=tracks, **others)
+    )
+
+
+def test_it_drives_on_yields_and_stands_without_news():
+    moving, pose = Velocity(0.4, 0.1), np.zeros(3)
+    assert choose(moving, None, last=moving) == (moving, Mode.FOLLOW)
     far = tracks_of((3.0, 3.0, 0.0, 0.0, 0.2))
-    assert separation().allow(0.4, 0.1, pose, far, 0) == (0.4, 0.1, "")
+    assert choose(moving, far, last=moving) == (moving, Mode.FOLLOW)
     before = tracks_of((0.6, 0.0, 0.0, 0.0, 0.2))
-    speed, _, mode = separation().allow(0.4, 0.0, pose, before, 0)
-    assert (speed < 0.4, mode) == (True, "yield")
+    velocity, mode = choose((0.4, 0.0), before, last=Velocity(0.4, 0.0))
+    assert (velocity.speed_mps < 0.4, mode) == (True, Mode.YIELD)
+    assert choose((0.4, 0.0), far, 10**9) == (STILL, Mode.YIELD)
+    assert separation_of().must_stand(pose, far, 10**9)
+
+
+def test_it_gets_out_of_the_way_of_what_is_coming_and_only_where_it_may():
     coming = tracks_of((1.1, 0.0, -0.4, 0.0, 0.2))
-    speed, rate, mode = separation().allow(0.0, 0.0, pose, coming, 0)
-    assert mode == "dodge"
-    dodged = least_gap(pose, speed, rate, discs_at(coming, 0), HALF, 1.5)
-    assert dodged > least_gap(pose, 0.0, 0.0, discs_at(coming, 0), HALF, 1.5) + 0.04
-    assert separation().allow(0.0, 0.0, pose, coming, 0, False) == (0.0, 0.0, "")
-    assert separation().allow(0.4, 0.0, pose, far, 10**9) == (0.0, 0.0, "yield")
+    velocity, mode = choose((0.0, 0.0), coming)
+    assert mode is Mode.DODGE
+    discs = mover_discs(coming, 0, SeparationConfig())
+    pose, ends = np.zeros(3), (10.0 * np.array(velocity), np.zeros(2))
+    gaps = [least_gap(pose, np.zeros(2), at, ACCELERATIONS, discs, HALF, 1.5) for at in ends]
+    assert gaps[0] > gaps[1]
+    assert choose((0.0, 0.0), coming, may_evade=False) == (STILL, Mode.FOLLOW)
+    assert choose((0.0, 0.0), coming, speed_cap_mps=0.0) == (STILL, Mode.FOLLOW)
+    ahead, _ = choose((0.0, 0.0), coming, may_reverse=False)
+    assert ahead.speed_mps >= 0.0
 
 
 def stands_beside(tracks, seconds, asked=(0.3, 0.0)):
     """What a robot is told that has stood for some seconds, with tracks about it."""
-    held = separation()
-    held.allow(0.3, 0.0, np.zeros(3), None, 10**10)
-    t_ns = 10**10 + round(seconds * 1e9)
-    return held.allow(*asked, np.zeros(3), replace(tracks, t_ns=t_ns), t_ns)
+    arbiter, began = arbiter_of(), 10**10
+    arbiter.choose(Velocity(0.3, 0.0), STILL, situation(t_ns=began))
+    t_ns = began + round(seconds * 1e9)
+    now = situation(t_ns=t_ns, movers=replace(tracks, t_ns=t_ns))
+    (speed, _), mode = arbiter.choose(Velocity(*asked), STILL, now)
+    return speed, mode
 
 
 def test_beside_what_has_just_stopped_it_stands_a_while_but_not_for_ever():
     # At its side, where it will not be run into by going straight on: not moving now, but of late.
     beside = tracks_of((-0.1, 0.55, 0.0, 0.0, 0.2))
     lively = replace(beside, pace_mps=np.array([0.4]))
-    assert stands_beside(lively, 0.5) == (0.0, 0.0, "yield")
+    assert stands_beside(lively, 0.5) == (0.0, Mode.YIELD)
     assert stands_beside(lively, 3.5)[0] > 0.0
     assert stands_beside(beside, 0.5)[0] > 0.0
     off = tracks_of((-0.1, 0.8, 0.0, 0.0, 0.2))
     assert stands_beside(replace(off, pace_mps=np.array([0.4])), 0.5)[0] > 0.0
     # On the move it is not stopped by it.
-    moving = separation()
-    moving.allow(0.3, 0.0, np.zeros(3), None, 10**10)
-    assert moving.allow(0.3, 0.0, np.zeros(3), replace(lively, t_ns=10**10), 10**10)[0] > 0.0
+    moving = arbiter_of()
+    moving.choose(Velocity(0.3, 0.0), STILL, situation(t_ns=10**10))
+    now = situation(t_ns=10**10, movers=replace(lively, t_ns=10**10))
+    assert moving.choose(Velocity(0.3, 0.0), Velocity(0.3, 0.0), now)[0].speed_mps > 0.0
 
 
 def test_what_stops_keeps_its_pace_for_a_while():

@@ -11,10 +11,8 @@ from collections import deque
 
 import numpy as np
 
-from simloop.config import TrackerConfig, VehicleConfig
-from simloop.control.collision_monitor import CollisionMonitor
+from helpers.tracking import DRIVE, VEHICLE, allowed, monitor_of
 
-CONFIG, VEHICLE = TrackerConfig(), VehicleConfig()
 HALF = np.array([0.5 * VEHICLE.length_m, 0.5 * VEHICLE.width_m])
 PERIOD_S, SCAN_TICKS = 0.01, 10
 RAYS = np.radians(np.arange(360.0))
@@ -71,21 +69,21 @@ def scan(pose, segments, noise_m, rng):
     return ranges[:, None] * np.column_stack((np.cos(RAYS[seen]), np.sin(RAYS[seen])))
 
 
-def drive_blindly(segments, speed, rate, seconds=4.0, noise_m=0.0, late=5, seed=0):
+def drive_blindly(segments, speed, rate, seconds=4.0, noise_m=0.0, late=5, seed=0, allow=allowed):
     """Ask for one velocity whatever comes; the least gap, m, and the last speeds, (2,).
 
     late: periods until a command takes effect. It speeds up at once, and slows down only as fast
     as the monitor takes it to.
     """
-    monitor, rng = CollisionMonitor(CONFIG, VEHICLE), np.random.default_rng(seed)
+    monitor, rng = monitor_of(), np.random.default_rng(seed)
     surface, pose, moves = samples(segments), np.zeros(3), np.zeros(2)
     queue = deque([np.zeros(2)] * late, late + 1)
-    slowest = PERIOD_S * np.array([CONFIG.max_decel_mps2, CONFIG.max_yaw_accel_radps2])
+    slowest = PERIOD_S * np.array([DRIVE.max_decel_mps2, DRIVE.max_yaw_accel_radps2])
     least = gaps(pose, surface).min()
     for tick in range(round(seconds / PERIOD_S)):
         if tick % SCAN_TICKS == 0:
             monitor.observe(scan(pose, segments, noise_m, rng), pose)
-        queue.append(np.array(monitor.allow(speed, rate, pose)))
+        queue.append(np.array(allow(monitor, speed, rate, pose)))
         brake = min(1.0, *(slowest / np.maximum(np.abs(moves), 1e-9)))
         moves = _towards(moves, queue.popleft(), brake)
         middle = pose[2] + 0.5 * PERIOD_S * moves[1]
