@@ -22,6 +22,7 @@ NOTHING_SEEN, MISFIT, LOST = "nothing in sight", "scans do not fit", "lost"
 
 
 FloatArray = NDArray[np.float64]
+_ARRAYS = ("FloatArray", "NDArray[")
 
 
 class BaseMessage:
@@ -33,6 +34,9 @@ class BaseMessage:
         kind: Any = self.__class__
         for get in _array_getters(kind):
             get(self).setflags(False)  # write; by its name it costs twice as much
+        for get in _tuple_getters(kind):
+            for array in get(self):
+                array.setflags(False)
 
 
 @cache
@@ -41,14 +45,29 @@ def _array_getters(kind: Any) -> tuple[Any, ...]:
 
     Those are the slots' own descriptors: asked for at each message made, ten thousand a run.
     """
-    arrays = ("FloatArray", "NDArray[")
-    names = [field.name for field in fields(kind) if str(field.type).startswith(arrays)]
-    return tuple(getattr(kind, name).__get__ for name in names)
+    return tuple(getattr(kind, name).__get__ for name in _fields_of(kind, _ARRAYS))
+
+
+@cache
+def _tuple_getters(kind: Any) -> tuple[Any, ...]:
+    """Getters of the fields that hold a tuple of arrays."""
+    kinds = tuple(f"tuple[{array}" for array in _ARRAYS)
+    return tuple(getattr(kind, name).__get__ for name in _fields_of(kind, kinds))
+
+
+def _fields_of(kind: Any, annotations: tuple[str, ...]) -> list[str]:
+    return [field.name for field in fields(kind) if str(field.type).startswith(annotations)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EncoderReading(BaseMessage):
-    """Cumulative sprocket counts (980 a turn), quantised."""
+    """Cumulative counts of the sprockets' encoders, quantised.
+
+    Attributes:
+        t_ns: Simulated time, ns.
+        left_counts: Counts since the start, 980 a turn by default.
+        right_counts: The same of the right sprocket.
+    """
 
     t_ns: int
     left_counts: int
@@ -57,7 +76,13 @@ class EncoderReading(BaseMessage):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImuReading(BaseMessage):
-    """gyro_radps, accel_mps2: (3,) in the imu frame, which is parallel to base_link."""
+    """Rates and accelerations in the imu frame, which is parallel to base_link.
+
+    Attributes:
+        t_ns: Simulated time, ns.
+        gyro_radps: (3,) rates, rad/s.
+        accel_mps2: (3,) proper acceleration, m/s^2: at rest it is +g upwards.
+    """
 
     t_ns: int
     gyro_radps: FloatArray
@@ -66,10 +91,16 @@ class ImuReading(BaseMessage):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LidarScan(BaseMessage):
-    """One full turn. Beam i was cast at ``t_ns - age_ns[i]``, from the laser's pose then.
+    """One full turn of the LiDAR, swept: each beam has its own instant.
 
-    angles_rad: (N,) in the laser frame; ranges_m: (N,), inf where nothing came back;
-    age_ns: (N,) int64, how long before ``t_ns`` (the end of the turn) the beam was cast.
+    Attributes:
+        t_ns: End of the turn, ns.
+        angles_rad: (N,) directions of the beams in the laser frame, rad.
+        ranges_m: (N,) ranges, m; inf where nothing came back.
+        age_ns: (N,) int64: beam i was cast ``age_ns[i]`` before ``t_ns``, from the laser's pose
+            at that instant.
+        range_min_m: Least range that the sensor measures, m.
+        range_max_m: Greatest range that it measures, m.
     """
 
     t_ns: int
@@ -84,8 +115,12 @@ class LidarScan(BaseMessage):
 class DepthImage(BaseMessage):
     """What a depth camera sees at one instant.
 
-    depth_m: (rows, cols) float32 along the optical axis, row 0 on top, inf where nothing came back.
-    focal_px: (2,) horizontal, vertical; the axis goes through the image's middle.
+    Attributes:
+        t_ns: Simulated time, ns.
+        depth_m: (rows, cols) float32 along the optical axis, m, row 0 on top; inf where nothing
+            came back.
+        focal_px: (2,) horizontal and vertical focal length, pixels; the axis goes through the
+            image's middle.
     """
 
     t_ns: int
@@ -94,13 +129,26 @@ class DepthImage(BaseMessage):
 
 
 def pixel_slopes(count: int, focal_px: float) -> FloatArray:
-    """(count,) how far the rays through columns of pixels lead left, rows up, for one of depth."""
+    """Compute the slopes of the rays through an image's columns or rows.
+
+    Args:
+        count: Number of columns or rows.
+        focal_px: Focal length, pixels.
+
+    Returns:
+        (count,) how far the rays lead left (columns) or up (rows) for one metre of depth.
+    """
     return np.asarray((0.5 * (count - 1) - np.arange(count)) / focal_px, np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LowObstacles(BaseMessage):
-    """What the camera has seen and the LiDAR has not: surfaces_m (k, 2) in map."""
+    """What the camera has seen and the LiDAR has not.
+
+    Attributes:
+        t_ns: Simulated time, ns.
+        surfaces_m: (k, 2) in map, m.
+    """
 
     t_ns: int
     surfaces_m: FloatArray
@@ -108,7 +156,12 @@ class LowObstacles(BaseMessage):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GoalReading(BaseMessage):
-    """Where a goal that moves is, as the robot is told; position_m: (2,) in map."""
+    """Where a goal that moves is, as the robot is told.
+
+    Attributes:
+        t_ns: Simulated time, ns.
+        position_m: (2,) in map, m.
+    """
 
     t_ns: int
     position_m: FloatArray
@@ -183,11 +236,14 @@ class RobotStatus(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate(BaseMessage):
-    """The robot's belief.
+    """The robot's belief of its own state.
 
-    state: (9,) x, y, yaw, speed, yaw rate, gyro bias, gauge ratio k, how far the middle of the
-    tracks' centres of rotation lies to the left, and the vehicle's own to the front, m (see
-    ``ekf_model``). covariance: (9, 9). ``pose`` is base_link in map.
+    Attributes:
+        t_ns: Simulated time, ns.
+        state: (9,) x, y, m, and yaw, rad, of base_link in map; speed, m/s; yaw rate, rad/s; gyro
+            bias, rad/s; gauge ratio; how far the middle of the tracks' centres of rotation lies
+            to the left, m, and the vehicle's own to the front, m (see ``estimation.ekf_model``).
+        covariance: (9, 9) of the state.
     """
 
     t_ns: int
@@ -217,10 +273,14 @@ class Estimate(BaseMessage):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frames(BaseMessage):
-    """REP-105: odom_from_base (3,) is smooth and drifts, map_from_odom (3,) jumps with the fixes.
+    """The transforms of REP-105: odom is smooth and drifts, map jumps with each pose fix.
 
-    odom_from_base_by_wheels: (3,) what the encoders alone, with the centres of rotation that the
-    filter has learnt, make of the way since the start.
+    Attributes:
+        t_ns: Simulated time, ns.
+        odom_from_base: (3,) base_link in odom, m, m, rad.
+        map_from_odom: (3,) odom in map, m, m, rad.
+        odom_from_base_by_wheels: (3,) the same as ``odom_from_base`` by the encoders alone, with
+            the centres of rotation that the filter has learnt.
     """
 
     t_ns: int
@@ -231,9 +291,13 @@ class Frames(BaseMessage):
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """What the robot thinks of its own localisation: ``ok``, ``degraded`` or ``lost``, and why.
+    """What the robot thinks of its own localisation.
 
-    halts: whether it is reason enough not to drive on.
+    Attributes:
+        t_ns: Simulated time, ns.
+        state: ``ok``, ``degraded`` or ``lost``.
+        reasons: Why it is not ``ok``.
+        halts: Whether it is reason enough not to drive on.
     """
 
     t_ns: int
@@ -244,9 +308,14 @@ class Health:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseFix(BaseMessage):
-    """A scan-to-map match: pose (3,) of base_link in map at ``t_ns``, with covariance (3, 3).
+    """The match of a scan with the map.
 
-    ``ok`` is False where the match is not to be trusted (too few points, poor overlap).
+    Attributes:
+        t_ns: Instant of the scan, ns.
+        pose: (3,) base_link in map, m, m, rad.
+        covariance: (3, 3) of the pose.
+        score: Share of the points that meet the map, 0 to 1.
+        ok: False where the match is not to be trusted: too few points, poor overlap.
     """
 
     t_ns: int
@@ -258,11 +327,17 @@ class PoseFix(BaseMessage):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MoverTracks(BaseMessage):
-    """Things that the robot has seen move, as discs in map at ``t_ns``.
+    """Things that the robot has seen move, as discs in map.
 
-    number: (n,) int64, the same for the same thing. position_m, velocity_mps: (n, 2); radius_m:
-    (n,) of what was seen of it; std_m: (n,) of its place, one axis. pace_mps: (n,) the fastest
-    that it went of late: what has just stopped may set off again.
+    Attributes:
+        t_ns: Instant of the positions, ns.
+        number: (n,) int64, the same number for the same thing.
+        position_m: (n, 2) in map, m.
+        velocity_mps: (n, 2) in map, m/s.
+        radius_m: (n,) of what was seen of it, m.
+        std_m: (n,) standard deviation of the position along one axis, m.
+        pace_mps: (n,) the fastest that it went lately, m/s: what has just stopped may set off
+            again.
     """
 
     t_ns: int
@@ -274,11 +349,26 @@ class MoverTracks(BaseMessage):
     pace_mps: FloatArray
 
     def places_at(self, t_ns: int) -> FloatArray:
-        """(n, 2) where they are at another instant if they go on as they go."""
+        """Predict positions at another instant, at constant velocity.
+
+        Args:
+            t_ns: The instant, ns.
+
+        Returns:
+            (n, 2) in map, m.
+        """
         return self.position_m + 1e-9 * (t_ns - self.t_ns) * self.velocity_mps
 
     def discs_at(self, t_ns: int, about_m: float) -> FloatArray:
-        """(n, 3) x, y, radius in map at another instant, each ``about_m`` wider than was seen."""
+        """Predict the things as discs at another instant.
+
+        Args:
+            t_ns: The instant, ns.
+            about_m: By how much each is wider than was seen, m.
+
+        Returns:
+            (n, 3) x, y, radius in map, m.
+        """
         return np.column_stack((self.places_at(t_ns), self.radius_m + about_m))
 
 
@@ -329,11 +419,17 @@ class Plan(BaseMessage):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SmoothPath(BaseMessage):
-    """A densely sampled, curvature-continuous path in map.
+    """A densely sampled path in map whose curvature is continuous.
 
-    xy_m: (K, 2); yaw_rad, curvature_1pm, arc_m, clearance_m: (K,). clearance_m is the least
-    distance from any of the footprint's discs' centres to an obstacle, at that sample.
-    ``safe``: every sample keeps the safety distance.
+    Attributes:
+        t_ns: Simulated time, ns.
+        xy_m: (K, 2) in map, m.
+        yaw_rad: (K,) heading, rad.
+        curvature_1pm: (K,) curvature, 1/m, positive to the left.
+        arc_m: (K,) distance along the path, m.
+        clearance_m: (K,) least distance from the centres of the footprint's discs to an obstacle,
+            m.
+        safe: Whether every sample keeps the safety distance.
     """
 
     t_ns: int
@@ -347,9 +443,15 @@ class SmoothPath(BaseMessage):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackCommand(BaseMessage):
-    """What the tracker wants: sprocket speeds and the motor voltages that shall bring them.
+    """What the motors are told for one period.
 
-    speed_mps, yaw_rate_radps: the body velocity that was chosen. mode: what the robot does.
+    Attributes:
+        t_ns: Simulated time, ns.
+        speed_mps: Forward speed that was chosen, m/s.
+        yaw_rate_radps: Yaw rate that was chosen, rad/s.
+        sprocket_radps: (2,) sprocket speeds that it takes, left and right, rad/s.
+        voltage_v: (2,) motor voltages, V.
+        mode: What the robot does.
     """
 
     t_ns: int
@@ -362,9 +464,13 @@ class TrackCommand(BaseMessage):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MapUpdate(BaseMessage):
-    """The robot's map at a plan's frame. log_odds: (rows, cols) float32, [iy, ix], 0 unknown.
+    """The robot's occupancy grid when a plan was made.
 
-    Cell (0, 0) has its lower left corner at origin_m (2,).
+    Attributes:
+        t_ns: Simulated time, ns.
+        origin_m: (2,) lower left corner of cell (0, 0) in map, m.
+        resolution_m: Size of a cell, m.
+        log_odds: (rows, cols) float32, [iy, ix]; 0 is unknown.
     """
 
     t_ns: int
@@ -375,7 +481,13 @@ class MapUpdate(BaseMessage):
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something worth a line: level is ``info`` or ``warning``."""
+    """Something worth a line.
+
+    Attributes:
+        t_ns: Simulated time, ns.
+        level: ``info`` or ``warning``.
+        text: The line.
+    """
 
     t_ns: int
     level: str

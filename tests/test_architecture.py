@@ -152,3 +152,12 @@ def test_arrays_in_messages_cannot_be_written():
     fix = messages.PoseFix(0, np.zeros(3), np.eye(3), 1.0, True)
     with pytest.raises(ValueError, match="read-only"):
         fix.pose[0] = 1.0
+
+
+def test_arrays_in_tuples_in_messages_cannot_be_written():
+    polygon, nothing = np.zeros((3, 2)), np.zeros((0, 3))
+    view = messages.WorldView(
+        0, np.zeros(2), 0.05, np.zeros((0, 0), np.float32), nothing, np.zeros(4), (polygon,)
+    )
+    with pytest.raises(ValueError, match="read-only"):
+        view.polygons_m[0][0, 0] = 1.0
