@@ -23,8 +23,18 @@ ROBOT = {
     "robot", "localiser", "navigation", "control", "graph_slam", "tracker", "tlbo_planner", "ekf",
     "slam_grid", "planners", "perception", "estimation", "mapping",
 }  # fmt: skip
-DOORS = {"loop", "robot", "localiser", "sensors", "ekf", "slam_grid", "tlbo_planner", "tracker",
-         "messages", "truth"}  # fmt: skip
+DOORS = {
+    "loop",
+    "robot",
+    "localiser",
+    "sensors",
+    "ekf",
+    "slam_grid",
+    "tlbo_planner",
+    "tracker",
+    "messages",
+    "truth",
+}
 ROBOT_COLOUR, WORLD_COLOUR, SHARED_COLOUR = "#dcecd9", "#dfe7f3", "#f2eee2"
 SHARED = {"messages", "geometry", "common", "config"}
 
@@ -92,23 +102,39 @@ def draw(rows: list[list[str]], imports: dict[tuple[str, str], int], picture: Pa
         bend = 0.12 if places[importer][0] <= places[imported][0] else -0.12
         axes.add_patch(
             FancyArrowPatch(
-                places[importer], places[imported], connectionstyle=f"arc3,rad={bend}",
-                lw=0.3 + 0.12 * min(count, 10), alpha=0.35, shrinkA=12, shrinkB=12, **style,
+                places[importer],
+                places[imported],
+                connectionstyle=f"arc3,rad={bend}",
+                lw=0.3 + 0.12 * min(count, 10),
+                alpha=0.35,
+                shrinkA=12,
+                shrinkB=12,
+                **style,
             )
-        )  # fmt: skip
+        )
     for room, (x, y) in places.items():
         axes.add_patch(
             FancyBboxPatch(
-                (x - 0.85, y - 0.2), 1.7, 0.4, boxstyle="round,pad=0.04",
-                fc=colour_of(room), ec="#4a5568", lw=1.0, zorder=3,
+                (x - 0.85, y - 0.2),
+                1.7,
+                0.4,
+                boxstyle="round,pad=0.04",
+                fc=colour_of(room),
+                ec="#4a5568",
+                lw=1.0,
+                zorder=3,
             )
-        )  # fmt: skip
+        )
         text = f"{room}.py" if room in DOORS else f"{room}/"
         axes.text(x, y, text, ha="center", va="center", fontsize=9.5, zorder=4)
     axes.text(
-        0.1, 0.62, "green: the robot's own software   blue: simulator, judge, tools   "
-        "yellow: shared by all   arrows: imports, always downwards (to yellow: not drawn)", fontsize=9, color="#4a5568",
-    )  # fmt: skip
+        0.1,
+        0.62,
+        "green: the robot's own software   blue: simulator, judge, tools   "
+        "yellow: shared by all   arrows: imports, always downwards (to yellow: not drawn)",
+        fontsize=9,
+        color="#4a5568",
+    )
     axes.set_xlim(0, 10)
     axes.set_ylim(-len(rows) + 0.4, 0.9)
     axes.axis("off")

@@ -155,10 +155,12 @@ class RecoveryConfig:
 class WatchdogConfig:
     """What is too old to drive by.
 
-    path_frames: frames of the planner (rates.plan_s) after which the robot stops on a path that
-    no newer one has followed. estimate_s: by which the estimate may lag behind the robot's beat.
-    image_s: without an image of the depth camera, where there is one.
-    unheard_mps: speed while neither belt's counts are to be had.
+    Attributes:
+        path_frames: Frames of the planner (``rates.plan_s``) after which the robot stops on a path
+            that no newer one has followed.
+        estimate_s: Time by which the estimate may lag behind the robot's beat, s.
+        image_s: Time without an image of the depth camera, where there is one, s.
+        unheard_mps: Speed while neither belt's counts are to be had, m/s.
     """
 
     path_frames: Annotated[float, Field(ge=1.0, le=1e6)] = 3.0

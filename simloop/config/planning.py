@@ -17,11 +17,28 @@ from simloop.common.quantities import (
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class PlannerConfig:
-    """Sabiha 2022: J = w1 S + w2 Theta + sigma sum R; class of 100; 30 idle generations end it.
+    """The planner's objective and effort (Sabiha 2022).
 
-    squeeze_m: what may be given up of the safety distance where that saves a long way round.
-    prefer_m: what a way has over it that is taken where it costs no more than prefer_share more.
-    options: of the planner named, see `simloop.planners`.
+    J = length_weight S + turning_weight Theta + penalty sum R, with S in metres, Theta in radians
+    and R the intrusion into the safety distance in metres.
+
+    Attributes:
+        name: Name of the planner, see ``simloop list``.
+        length_weight: Weight w1 of the length.
+        turning_weight: Weight w2 of the turning.
+        start_turn_weight: Weight of the turn from the robot's heading to the first leg.
+        penalty: Weight sigma of the intrusion.
+        learners: Size of the class (population).
+        idle_generations: Generations without improvement that end the search.
+        max_evaluations: Evaluations that end the search.
+        safe_distance_m: Clearance that the path keeps, m.
+        squeeze_m: What may be given up of it where that saves a long way round, m.
+        prefer_m: What a wider way has over it, m.
+        prefer_share: By how much more, as a share of J, a wider way may cost to be taken.
+        precise: Whether to search longer than a frame of the loop allows.
+        latency: Whether planning is charged ``latency_s`` a plan or ``per_evaluation``.
+        latency_s: Simulated time that planning takes, s.
+        options: Of the planner that is named, see docs/planners.md.
     """
 
     name: str = "tlbo"
@@ -44,9 +61,17 @@ class PlannerConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class SmootherConfig:
-    """Bezier corners; the lead-in takes the path from the robot's heading to the plan's.
+    """The smoother: Bezier corners, and a lead-in from the robot's heading.
 
-    extra_room_m: what the path keeps over the safety distance where there is room for it.
+    Attributes:
+        spacing_m: Distance of the path's samples, m.
+        max_cut_m: Largest distance from a corner at which its curve begins, m.
+        min_cut_m: Least such distance, m.
+        extra_room_m: What the path keeps over the safety distance where there is room for it, m.
+        lead_in_m: Length of the lead-in, m.
+        lead_in_max_turn_rad: Largest turn that the lead-in makes, rad.
+        lead_in_max_turn_with_camera_rad: The same while the depth camera is enabled, rad, if it
+            is smaller.
     """
 
     spacing_m: Annotated[float, Field(ge=0.001, le=1.0)] = 0.02

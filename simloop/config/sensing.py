@@ -21,12 +21,27 @@ from simloop.common.quantities import (
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class EncoderConfig:
+    """Incremental encoders on both sprockets.
+
+    Attributes:
+        counts_per_turn: Counts of one turn of the sprocket.
+    """
+
     counts_per_turn: Annotated[int, Field(gt=0, le=10**7)] = 980
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class ImuConfig:
-    """MPU-9250: noise densities from its data sheet, bias after a start-up calibration."""
+    """MPU-9250: noise densities from its data sheet, bias after a start-up calibration.
+
+    Attributes:
+        gyro_noise_radps_rthz: White noise of the gyro, rad/s/sqrt(Hz).
+        gyro_bias_radps: Standard deviation of its bias at the start, rad/s.
+        gyro_bias_walk_radps_rts: Walk of its bias, rad/s/sqrt(s).
+        accel_noise_mps2_rthz: White noise of the accelerometer, m/s^2/sqrt(Hz).
+        accel_bias_mps2: Standard deviation of its bias at the start, m/s^2.
+        accel_bias_walk_mps2_rts: Walk of its bias, m/s^2/sqrt(s).
+    """
 
     gyro_noise_radps_rthz: NonNegative = 1.75e-4
     gyro_bias_radps: NonNegative = 3.0e-3
@@ -38,6 +53,16 @@ class ImuConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class LidarConfig:
+    """A turning LiDAR, like an RPLIDAR.
+
+    Attributes:
+        rays: Beams of one turn.
+        range_min_m: Least range, m.
+        range_max_m: Greatest range, m.
+        noise_m: Standard deviation of a range, m.
+        dropout: Share of the beams that are lost.
+    """
+
     rays: Annotated[int, Field(ge=8, le=36000)] = 360
     range_min_m: Positive = 0.15
     range_max_m: Annotated[float, Field(ge=0.01, le=1000.0)] = 12.0
@@ -54,8 +79,19 @@ class LidarConfig:
 class CameraConfig:
     """A forward depth camera, like an Intel RealSense D435; off unless ``enabled``.
 
-    Depths are along the optical axis. noise_1pm: standard deviation over the squared depth, as
-    triangulation has it.
+    With a camera the robot turns before it drives: see ``tracker.turn_on_spot_with_camera_rad``
+    and ``smoother.lead_in_max_turn_with_camera_rad``.
+
+    Attributes:
+        enabled: Whether there is one.
+        period_s: Time from one image to the next, s.
+        columns: Width of an image, pixels.
+        rows: Height of an image, pixels.
+        fov_rad: Horizontal and vertical field of view, rad.
+        range_min_m: Least depth along the optical axis, m.
+        range_max_m: Greatest depth, m.
+        noise_1pm: Standard deviation over the squared depth, 1/m, as triangulation has it.
+        dropout: Share of the pixels that stay empty.
     """
 
     enabled: bool = False
@@ -76,11 +112,26 @@ class CameraConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class EkfConfig:
-    """Process noise as densities (per square root of a second), gates as probabilities.
+    """The filter: process noise as densities (per square root of a second).
 
-    What the tracks' centres of rotation walk is per square root of a metre of belt:
-    gauge_ratio_walk and, m, icr_walk. gyro_bias_std: what a start-up calibration leaves. map_std_*:
-    with what error a whole new view enters the map, that of one scan's fit and of the cells' grain.
+    The walk of the tracks' centres of rotation is per square root of a metre of belt.
+
+    Attributes:
+        speed_walk: Of the speed, m/s.
+        yaw_rate_walk: Of the yaw rate, rad/s.
+        lateral_walk: Of the place to the side, m.
+        gyro_bias_walk: Of the gyro's bias, rad/s.
+        gauge_ratio_walk: Of the gauge ratio, per sqrt(m).
+        gauge_ratio: The gauge ratio at the start.
+        gauge_ratio_std: Its standard deviation.
+        icr_walk: Of the centres of rotation, m per sqrt(m).
+        icr_std_m: Their standard deviation at the start, m.
+        gyro_bias_std: What a start-up calibration leaves of the gyro's bias, rad/s.
+        encoder_slip_mps: Standard deviation of a belt's speed by its encoder, m/s.
+        map_std_xy_m: Error with which a whole new view enters the map, m: one scan's fit and the
+            cells' grain.
+        map_std_yaw_rad: The same of the yaw, rad.
+        gate_probability: Probability with which a right measurement passes the gate.
     """
 
     speed_walk: Positive = 0.1
@@ -101,13 +152,28 @@ class EkfConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class SlamConfig:
-    """Grid and scan matcher.
+    """The occupancy grid and the scan matcher.
 
-    grain_m: how far a hit may lie from its surface. least_overlap: share of the points that must
-    meet the map. match_std_*: what the cells' grain adds to every fix. beyond_m: how far past the
-    goal waypoints may lie. prior_map: a map_server map (.yaml) that is known from the beginning, in
-    its own resolution; extend_map: whether what is seen is entered. max_cells: to which the map
-    may grow, at 34 bytes each (8 million cells of 5 cm: 20 000 square metres, 270 MB).
+    Attributes:
+        resolution_m: Size of a cell, m.
+        hit_log_odds: What a hit adds to a cell.
+        miss_log_odds: What a beam that passes takes from it.
+        max_log_odds: Bound of a cell's log-odds.
+        occupied_log_odds: Log-odds above which a cell is occupied.
+        search_xy_m: Half width of the search window, m.
+        search_yaw_rad: Half width of the search window, rad.
+        search_points: Points of a scan that are used in the search.
+        grain_m: How far a hit may lie from its surface, m.
+        refine_steps: Steps of the refinement at most.
+        least_overlap: Share of the points that must meet the map.
+        most_residual: Mean squared residual up to which a match is trusted.
+        match_std_xy_m: What the cells' grain adds to every fix, m.
+        match_std_yaw_rad: The same of the yaw, rad.
+        beyond_m: How far past the goal waypoints may lie, m.
+        prior_map: A map_server map (.yaml) that is known from the beginning, in its own resolution.
+        extend_map: Whether what is seen is entered in the map.
+        max_cells: Cells to which the map may grow, at 34 bytes each (8 million cells of 5 cm:
+            20 000 square metres, 270 MB).
     """
 
     resolution_m: Annotated[float, Field(ge=0.005, le=1.0)] = 0.05
@@ -134,9 +200,12 @@ class SlamConfig:
 class LowObstaclesConfig:
     """What in a depth image is in the robot's way.
 
-    It rises by step_m or more, steeper than slope, to no more than height_m over the ground that
-    the robot stands on, and is no farther than reach_m. clear_m: as far as ground that is seen
-    tells that nothing stands there any more. plane_m: the LiDAR's height.
+    Attributes:
+        step_m: Least rise that is an obstacle, m.
+        slope: Least slope of the rise: ramps are no obstacles.
+        height_m: Height over the ground up to which something is in the way, m.
+        reach_m: Distance up to which obstacles are looked for, m.
+        clear_m: Distance up to which visible ground tells that nothing stands there any more, m.
     """
 
     step_m: Positive = 0.025

@@ -21,9 +21,15 @@ from simloop.common.quantities import (
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class RatesConfig:
-    """Periods, s. Physics divides control; control divides the LiDAR's and the planner's.
+    """Periods. Physics divides control; control divides the LiDAR's and the planner's.
 
     Encoders and IMU are read once a control period.
+
+    Attributes:
+        physics_s: One step of MuJoCo, s.
+        control_s: One period of the robot's software, s.
+        lidar_s: One turn of the LiDAR, s.
+        plan_s: One frame of the planner, s.
     """
 
     physics_s: Annotated[float, Field(ge=1e-6, le=0.01)] = 0.002
@@ -46,7 +52,13 @@ Friction = Annotated[float, Field(gt=0.0, le=2.0)]
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class FrictionZone:
-    """A rectangle of ground, min_m (x, y) to max_m (x, y) in map, with a friction of its own."""
+    """A rectangle of ground with a friction of its own.
+
+    Attributes:
+        min_m: Lower left corner (x, y) in map, m.
+        max_m: Upper right corner (x, y) in map, m.
+        friction: Coulomb coefficient.
+    """
 
     min_m: tuple[float, float]
     max_m: tuple[float, float]
@@ -61,10 +73,17 @@ class FrictionZone:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class FrictionImage:
-    """A grey image laid over min_m to max_m (x, y in map), its upper edge at the largest y.
+    """A grey image of the ground's friction, its upper edge at the largest y.
 
-    file: PNG, relative to the scenario's file. black, white: the friction of these two, greys
-    between them in proportion. Each place has its nearest pixel's friction.
+    Each place has the friction of its nearest pixel; greys are between black and white in
+    proportion.
+
+    Attributes:
+        file: PNG, relative to the scenario's file.
+        min_m: Lower left corner (x, y) in map, m.
+        max_m: Upper right corner (x, y) in map, m.
+        black: Friction of a black pixel.
+        white: Friction of a white pixel.
     """
 
     file: str
@@ -84,8 +103,14 @@ class FrictionImage:
 class TracksConfig:
     """Track-ground contact: isotropic Coulomb friction behind a shear brush.
 
-    zones: where the ground's friction is another; where they overlap the last one holds. They lie
-    over friction_image, and that over ``friction``.
+    Attributes:
+        friction: Coulomb coefficient of the ground.
+        zones: Rectangles with another friction; where they overlap the last one holds. They lie
+            over ``friction_image``, and that over ``friction``.
+        friction_image: An image of the friction.
+        shear_modulus_m: Shear displacement at which the friction is reached, m.
+        shear_damping_s: Damping of the shear, s.
+        rolling_resistance: Rolling resistance over load.
     """
 
     friction: Friction = 0.6
@@ -100,8 +125,16 @@ class TracksConfig:
 class MotorConfig:
     """EMG49 (24 V, 49:1) behind an MD49 driver; all figures at the output shaft.
 
-    brake_torque_nm: of a holding brake on each sprocket, which is not part of the EMG49: shorted
-    motors and gear friction alone hold 0.5 N m each, a slope of 15 degrees.
+    Attributes:
+        supply_v: Voltage of the supply, V.
+        resistance_ohm: Resistance of the winding, ohm.
+        torque_nm_per_a: Torque per current, N m/A.
+        back_emf_v_per_radps: Voltage per speed, V s/rad.
+        no_load_current_a: Current that overcomes the gears' friction, A.
+        current_limit_a: Current limit of the driver, A a motor.
+        brake_torque_nm: Torque of a holding brake on each sprocket, N m. It is not part of the
+            EMG49: shorted motors and gear friction alone hold 0.5 N m each, a slope of 15 degrees.
+        rotor_inertia_kgm2: Reflected inertia of the rotor, kg m^2.
     """
 
     supply_v: Positive = 24.0
@@ -131,7 +164,12 @@ class VehicleConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class PayloadConfig:
-    """A load on the chassis of which the robot's software knows nothing; position in base_link."""
+    """A load on the chassis of which the robot's software knows nothing.
+
+    Attributes:
+        mass_kg: Its mass, kg.
+        position_m: Its centre (x, y, z) in base_link, m.
+    """
 
     mass_kg: Annotated[float, Field(ge=0.0, le=50.0)] = 0.0
     position_m: tuple[float, float, float] = (0.0, 0.0, 0.15)
