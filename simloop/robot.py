@@ -12,9 +12,10 @@ import numpy as np
 
 from simloop.common.profiler import Profiler
 from simloop.config import Config
-from simloop.control.arbiter import STILL, Situation, VelocityArbiter, rear_first
+from simloop.control.arbiter import STILL, Situation, VelocityArbiter
 from simloop.control.collision_monitor import CollisionMonitor
 from simloop.control.drive import Drive
+from simloop.control.rear_first import rear_first
 from simloop.control.recovery import Recovery
 from simloop.control.separation import Separation
 from simloop.control.watchdog import Stale, StandingCounts, Watchdog

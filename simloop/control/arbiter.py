@@ -15,12 +15,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from simloop.config import DriveConfig, RecoveryConfig
-from simloop.control.collision_monitor import CollisionMonitor, examine_arc, stoppable_part
+from simloop.control.collision_monitor import examine_arc, stoppable_part
 from simloop.control.separation import (
     Separation,
     least_gap,
@@ -28,24 +30,17 @@ from simloop.control.separation import (
     safe_part,
     stays_clear,
 )
-from simloop.geometry.se2 import wrap_angle
+from simloop.geometry.se2 import transform_points
 from simloop.messages import FloatArray, Mode, MoverTracks, Velocity
 
 STILL = Velocity(0.0, 0.0)
-_BEHIND_RAD = 0.5 * math.pi
-_STILL_BEHIND_RAD = 1.2  # for a robot that already goes backwards: no changing to and fro
-_TURN_ROOM_M = 0.02  # beyond the monitor's margin, before a turn is begun on the way
-_SPEEDS_MPS = (-0.4, -0.2, 0.2, 0.4)
-_RATES_RADPS = (0.0, 0.6, -0.6, 1.2, -1.2)
-_WAY_OUT_RATES_RADPS = (0.0, 0.3, -0.3, 0.7, -0.7)
-_WAY_OUT_TURN_RADPS = 0.7
-_WAY_OUT_S = 1.5  # duration of the arcs that are compared when the robot is stuck
-_WAY_OUT_KEPT_NS = 400_000_000
+_SPEEDS_MPS = (0.2, -0.2, 0.4, -0.4)  # of the fan, with the speed of a recovery and none
+_RATES_RADPS = (0.0, 0.3, -0.3, 0.7, -0.7, 1.2, -1.2)
+_RECOVERY_RATE_RADPS = 0.7  # largest yaw rate of a robot that frees itself
+_ARC_S = 1.5  # duration of the fan's arcs
 _CLEAR_S = 1.0  # duration for which an evasive arc must be free of what stands
-_LITTLE_MPS, _LITTLE_RADPS = 0.1, 0.3  # with no more left, getting out of the way comes first
+_WAY_OUT_KEPT_NS = 400_000_000
 _ROOM_M = 0.08  # more room than this around the robot is worth no more
-_WAY_WORTH = 0.1  # m of room that a metre of way is worth, wherever it leads
-_NEARER_WORTH = 0.3  # m of room that a metre nearer to the path's next part is worth
 _SLACK = 1e-12
 
 
@@ -142,70 +137,86 @@ def is_reachable(last: FloatArray, speed: float, rate: float, window: FloatArray
     return abs(speed - last[0]) <= most + _SLACK and abs(rate - last[1]) <= window[2] + _SLACK
 
 
+class Weights(NamedTuple):
+    """What counts when arcs are compared; all in metres of worth.
+
+    Attributes:
+        gap: Of a metre to what moves, as predicted.
+        room: Of a metre of room to what stands, up to 8 cm.
+        way: Of a metre of free way, wherever it leads.
+        nearer: Of a metre nearer to the path's next part.
+    """
+
+    gap: float
+    room: float
+    way: float
+    nearer: float
+
+
+EVADE = Weights(gap=1.0, room=0.0, way=0.0, nearer=0.0)
+GET_FREE = Weights(gap=0.0, room=1.0, way=0.1, nearer=0.3)
+GAP, FREE, ROOM, END_X, END_Y = range(5)  # columns of what `examine_fan` finds
+
+
 @njit(cache=True)
-def evade(
+def examine_fan(
+    fan: FloatArray, points: FloatArray, limits: FloatArray, duration: float
+) -> FloatArray:
+    """Examine the arcs of a fan among what stands.
+
+    Args:
+        fan: (m, 2) velocities, m/s and rad/s.
+        points: (n, 2) what stands, m, in base_link.
+        limits: (6,) as in `collision_monitor.stoppable_part`.
+        duration: Of the arcs, s.
+
+    Returns:
+        (m, 5) gap to what moves (not looked at: infinite), free part of the arc, most room on it,
+        m, and the end of its free part in base_link, m.
+    """
+    found = np.empty((fan.shape[0], 5))
+    for i in range(fan.shape[0]):
+        ahead, turned = fan[i, 0] * duration, fan[i, 1] * duration
+        free, room = examine_arc(points, ahead, turned, limits)
+        found[i, GAP], found[i, FREE], found[i, ROOM] = np.inf, free, room
+        # The chord's heading is half of the turn.
+        found[i, END_X] = free * ahead * math.cos(0.5 * free * turned)
+        found[i, END_Y] = free * ahead * math.sin(0.5 * free * turned)
+    return found
+
+
+@njit(cache=True)
+def predict_gaps(
     pose: FloatArray,
     last: FloatArray,
     fan: FloatArray,
-    points: FloatArray,
     movers: FloatArray,
-    limits: FloatArray,
     mover_limits: FloatArray,
     window: FloatArray,
     horizon: float,
-    least_worth: float,
-) -> int:
-    """Choose the velocity of a fan that keeps farthest from what is coming.
+) -> FloatArray:
+    """Predict how near what moves comes to a robot that goes over to each velocity of a fan.
 
     Args:
         pose: (3,) of base_link in map, m, m, rad.
         last: (2,) velocity of the last period, m/s and rad/s.
-        fan: (m, 2) candidates, m/s and rad/s.
-        points: (n, 2) what stands, m, in base_link.
+        fan: (m, 2) velocities, m/s and rad/s.
         movers: (k, 7) as in `separation.mover_discs`.
-        limits: (6,) as in `collision_monitor.stoppable_part`.
         mover_limits: (7,) as in `separation.stays_clear`.
         window: (2,) accelerations, m/s^2 and rad/s^2.
-        horizon: How far ahead encounters are predicted, s.
-        least_worth: The predicted gap that a candidate must exceed, m.
+        horizon: How far ahead to predict, s.
 
     Returns:
-        The candidate's index, -1 if none is good enough.
+        (m,) least gaps, m; -inf for a velocity from which the robot could not stop in time.
     """
-    best, chosen = least_worth, -1
+    gaps = np.empty(fan.shape[0])
     half = mover_limits[3:5]
     for i in range(fan.shape[0]):
-        gap = least_gap(pose, last, fan[i], window, movers, half, horizon)
-        if gap <= best or not stays_clear(pose, fan[i, 0], fan[i, 1], movers, mover_limits):
-            continue
-        # The whole arc of the next second must be free of what stands.
-        free, _ = examine_arc(points, fan[i, 0] * _CLEAR_S, fan[i, 1] * _CLEAR_S, limits)
-        if free >= 1.0:
-            best, chosen = gap, i
-    return chosen
-
-
-def rear_first(
-    monitor: CollisionMonitor, pose: FloatArray, path_yaw: float, reverses: bool
-) -> bool:
-    """Decide which end of the robot goes first along a path.
-
-    A path that leads behind is mostly taken after a turn on the spot. Where the corners would meet
-    something in that turn, the robot follows the same path backwards, until there is room to turn.
-
-    Args:
-        monitor: What has been seen near the robot.
-        pose: (3,) of base_link in map, m, m, rad.
-        path_yaw: Heading of the path here, rad, in map.
-        reverses: Whether the robot already goes backwards.
-
-    Returns:
-        True if the rear goes first.
-    """
-    turn = wrap_angle(path_yaw - float(pose[2]))
-    if abs(turn) <= (_STILL_BEHIND_RAD if reverses else _BEHIND_RAD):
-        return False
-    return not monitor.can_turn(turn, pose, _TURN_ROOM_M if reverses else 0.0)
+        if stays_clear(pose, fan[i, 0], fan[i, 1], movers, mover_limits):
+            gaps[i] = least_gap(pose, last, fan[i], window, movers, half, horizon)
+        else:
+            gaps[i] = -np.inf
+    return gaps
 
 
 class VelocityArbiter:
@@ -231,11 +242,9 @@ class VelocityArbiter:
         )
         self._accelerations = np.array([drive.max_accel_mps2, drive.max_yaw_accel_radps2])
         self._rate_per_speed = drive.max_yaw_rate_radps / drive.max_speed_mps
-        self._fan = np.array([(v, w) for v in _SPEEDS_MPS for w in _RATES_RADPS])
-        speed = recovery.back_off_mps
-        ways_out = [(s * speed, rate) for s in (-1.0, 1.0) for rate in _WAY_OUT_RATES_RADPS]
-        ways_out += [(0.0, _WAY_OUT_TURN_RADPS), (0.0, -_WAY_OUT_TURN_RADPS)]
-        self._ways_out = np.array(ways_out)
+        self._recovery_mps = recovery.back_off_mps
+        speeds = (-recovery.back_off_mps, recovery.back_off_mps, 0.0, *_SPEEDS_MPS)
+        self._fan = np.array([(v, w) for v in speeds for w in _RATES_RADPS if v or w])
         self._way_out, self._way_out_until_ns = STILL, 0
         self._evasion, self._evasion_until_ns = STILL, 0
         self._movers_hinder = False
@@ -346,45 +355,42 @@ class VelocityArbiter:
             now.pose, *self._evasion, discs, limits
         ):
             return self._evasion
-        fan = self._fan if now.may_reverse else self._fan[self._fan[:, 0] >= 0.0]
-        best = evade(
-            now.pose,
-            before,
-            fan,
-            now.near_points_m,
-            discs,
-            self._limits,
-            limits,
-            self._accelerations,
-            config.horizon_s,
-            stood + config.worth_m,
+        found = examine_fan(self._fan, now.near_points_m, self._limits, _ARC_S)
+        found[:, GAP] = predict_gaps(
+            now.pose, before, self._fan, discs, limits, self._accelerations, config.horizon_s
         )
-        if best < 0:
-            return None
-        self._evasion = Velocity(*fan[best].tolist())
-        self._evasion_until_ns = now.t_ns + round(config.keep_s * 1e9)
-        return self._evasion
+        clear = found[:, FREE] * _ARC_S >= _CLEAR_S
+        best = self._best_of(found, EVADE, now, clear & (found[:, GAP] > stood + config.worth_m))
+        if best is not None:
+            self._evasion = best
+            self._evasion_until_ns = now.t_ns + round(config.keep_s * 1e9)
+        return best
 
     def _way_out_of(self, now: Situation) -> Velocity:
         """The arc that is worth most to a robot that is stuck; kept for a while."""
         if now.t_ns >= self._way_out_until_ns:
-            worth = [self._worth(v, w, now) for v, w in self._ways_out.tolist()]
-            best = self._ways_out[int(np.argmax(worth))]
-            self._way_out = Velocity(*best.tolist())
+            slow = np.abs(self._fan[:, 0]) <= self._recovery_mps
+            gentle = np.abs(self._fan[:, 1]) <= _RECOVERY_RATE_RADPS
+            found = examine_fan(self._fan, now.near_points_m, self._limits, _ARC_S)
+            self._way_out = self._best_of(found, GET_FREE, now, slow & gentle) or STILL
             self._way_out_until_ns = now.t_ns + _WAY_OUT_KEPT_NS
         return self._way_out
 
-    def _worth(self, speed: float, rate: float, now: Situation) -> float:
-        """m: the most room on an arc, what its way is worth, and what leads on along the path."""
-        if speed < 0.0 and not now.may_reverse:
-            return -math.inf
-        ahead, turned = speed * _WAY_OUT_S, rate * _WAY_OUT_S
-        free, room = examine_arc(now.near_points_m, ahead, turned, self._limits)
-        worth = min(room, _ROOM_M) + _WAY_WORTH * free * abs(ahead)
-        if now.towards is not None:
-            heading = now.pose[2] + 0.5 * free * turned  # of the arc's chord
-            chord = np.array([math.cos(heading), math.sin(heading)])
-            there = now.pose[:2] + free * ahead * chord
-            nearer = math.dist(now.pose[:2], now.towards) - math.dist(there, now.towards)
-            worth += _NEARER_WORTH * nearer
-        return worth
+    def _best_of(
+        self, found: FloatArray, weights: Weights, now: Situation, eligible: NDArray[np.bool_]
+    ) -> Velocity | None:
+        """The velocity of the fan that is worth most; None if none is eligible."""
+        if not now.may_reverse:
+            eligible = eligible & (self._fan[:, 0] >= 0.0)
+        if not eligible.any():
+            return None
+        worth = weights.room * np.minimum(found[:, ROOM], _ROOM_M)
+        worth += weights.way * found[:, FREE] * np.abs(self._fan[:, 0]) * _ARC_S
+        if weights.gap:
+            worth += weights.gap * found[:, GAP]
+        if weights.nearer and now.towards is not None:
+            there = transform_points(now.pose, found[:, END_X : END_Y + 1])
+            away = np.hypot(*(there - now.towards).T)
+            worth += weights.nearer * (math.dist(now.pose[:2], now.towards) - away)
+        best = int(np.argmax(np.where(eligible, worth, -np.inf)))
+        return Velocity(*self._fan[best].tolist())

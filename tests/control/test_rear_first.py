@@ -24,7 +24,7 @@ from helpers.vehicles import plant_on_plane
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simloop.control.arbiter import rear_first
+from simloop.control.rear_first import rear_first
 from simloop.geometry.se2 import about_face, wrap_angle
 from simloop.loop import Simulation
 from simloop.messages import TrackCommand
