@@ -102,6 +102,8 @@ class Robot:
         self._planned_ns = self._path_ns = self._image_ns = 0
         self._driven = self._yields = False
         self._unchecked: list[FloatArray] = []
+        # The latest scan's points (n, 2) in base_link, and base_link's pose in map at its end.
+        self._last_scan = (_NOTHING, np.zeros(3))
         self._offsets = np.array(vehicle.footprint_offsets_m)
         self.said: list[Message] = []
         stages = ("slam", "planner", "smoother", "tracker")
@@ -142,6 +144,8 @@ class Robot:
             self._begin_anew()
         if localiser.new_surfaces_m is not None:
             self._unchecked.append(localiser.new_surfaces_m)
+        if localiser.seen_from is not None:
+            self._last_scan = self._slam.points_m, localiser.seen_from
         if image is not None:
             self._look_low(image, estimate)
         if localiser.seen_from is not None:
@@ -177,8 +181,9 @@ class Robot:
         if self._low is None or self._localiser.health.said.halts:
             return
         with self._time["slam"]:
-            scan = self._slam.points_m if self._localiser.seen_from is not None else _NOTHING
-            fresh = self._low.look(image, estimate.pose, scan, self._localiser.movers)
+            scan, scan_pose = self._last_scan
+            movers = self._localiser.movers
+            fresh = self._low.look(image, estimate.pose, scan, scan_pose, movers)
             self._unchecked.append(fresh)
         self._say(LowObstacles(estimate.t_ns, self._low.surfaces_m.copy()))
 

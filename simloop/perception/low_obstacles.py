@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from simloop.config import Config, LowObstaclesConfig, SlamConfig
 from simloop.geometry.discs import on_discs
-from simloop.geometry.se2 import transform_points
+from simloop.geometry.se2 import between, transform_points
 from simloop.mapping.grid_map import GridMap
 from simloop.messages import DepthImage, FloatArray, MoverTracks, pixel_slopes
 
@@ -139,11 +139,12 @@ class LowObstacleMap:
         image: DepthImage,
         pose: FloatArray,
         scan_m: FloatArray,
+        scan_pose: FloatArray,
         movers: MoverTracks | None = None,
     ) -> FloatArray:
         """Take an image, seen from ``pose`` (3,) in map; (k, 2) in map, what is new in it.
 
-        scan_m: (n, 2) in base_link, what the LiDAR sees meanwhile.
+        scan_m: (n, 2) in base_link at ``scan_pose`` (3,) in map, the latest scan's points.
         """
         if not self._trail or math.dist(self._trail[-1], pose[:2]) > _TRAIL_M:
             self._trail.append(np.array(pose[:2]))
@@ -155,7 +156,9 @@ class LowObstacleMap:
         far, its_aside = nearest[met], aside[met]
         points = self._points(far, its_aside)
         same_m = np.where(top[met] >= self._config.plane_m, _TALL_M, _SAME_M)
-        new = ~seen_too(points, scan_m, same_m, _ONE_SURFACE_M)
+        # An image may come between two scans: the robot has moved on since the last one.
+        scan_now = transform_points(between(pose, scan_pose), scan_m)
+        new = ~seen_too(points, scan_now, same_m, _ONE_SURFACE_M)
         if movers is not None:
             theirs = movers.discs_at(image.t_ns, _MOVER_M)
             new &= ~on_discs(transform_points(pose, points), theirs)

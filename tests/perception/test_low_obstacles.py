@@ -15,6 +15,7 @@ from pydantic import ValidationError
 from simloop.config import CameraConfig, Config, LowObstaclesConfig, RatesConfig, SlamConfig
 from simloop.control.collision_monitor import CollisionMonitor
 from simloop.control.watchdog import BLIND
+from simloop.geometry.se2 import between, transform_points
 from simloop.loop import Simulation
 from simloop.mapping.grid_map import GridMap
 from simloop.messages import DepthImage, Event, LowObstacles, MoverTracks
@@ -80,10 +81,12 @@ def low_map(config=None) -> LowObstacleMap:
     return LowObstacleMap(config or LowObstaclesConfig(), SlamConfig(), MOUNT)
 
 
-def seen(world, looks=3, scan=NO_SCAN, pose=ORIGIN, into=None, movers=None) -> LowObstacleMap:
-    into = into or low_map()
+def seen(
+    world, looks=3, scan=NO_SCAN, pose=ORIGIN, into=None, movers=None, scan_pose=None
+) -> LowObstacleMap:
+    into, scan_pose = into or low_map(), pose if scan_pose is None else scan_pose
     for k in range(looks):
-        into.look(image_of(world, pose=pose, seed=k), np.array(pose), scan, movers)
+        into.look(image_of(world, pose=pose, seed=k), np.array(pose), scan, scan_pose, movers)
     return into
 
 
@@ -289,6 +292,17 @@ def test_a_wall_that_the_scan_shows_is_left_to_it_and_a_kerb_before_it_is_not():
     assert kerb[:, 0].min() == pytest.approx(1.4, abs=0.03)
 
 
+def test_a_scan_of_a_moment_ago_is_moved_with_the_robot():
+    """An image between two scans must know a wall that the last scan showed from elsewhere."""
+    before, now = np.array([-0.05, 0.02, -0.15]), np.array([0.0, 0.0, 0.1])
+    y = np.linspace(-2, 2, 80)
+    wall_in_map = np.stack([np.full(80, 1.5), y], axis=1)
+    wall = transform_points(between(before, ORIGIN), wall_in_map)
+    tall = Shapes(block(1.5, top=1.0, y=(-3, 3)))
+    assert len(seen(tall, scan=wall, pose=now, scan_pose=before).surfaces_m) == 0
+    assert len(seen(tall, scan=wall, pose=now, scan_pose=now).surfaces_m) > 0
+
+
 def test_what_moves_is_left_out_and_makes_what_is_remembered_fade():
     here = MoverTracks(
         0, np.arange(1), np.array([[1.1, 0.0]]), np.zeros((1, 2)), np.array([0.3]),
@@ -402,6 +416,30 @@ def test_without_the_camera_it_collides_and_with_it_arrives():
     assert max(len(m.surfaces_m) for m in heard if isinstance(m, LowObstacles)) > 20
     again = Simulation(load("low", seed=0)).run()
     assert again.metrics["state_hash"] == run.metrics["state_hash"]
+
+
+def walls_round(x0, y0, x1, y1):
+    """The setting for four walls, 0.35 m high, round a rectangle."""
+    x, y, wide, deep = 0.5 * (x0 + x1), 0.5 * (y0 + y1), x1 - x0, y1 - y0
+    walls = [(x, y0, wide, 0.1), (x, y1, wide, 0.1), (x0, y, 0.1, deep), (x1, y, 0.1, deep)]
+    text = ",".join(
+        f'{{shape="box",position_m=[{px},{py}],size_m=[{length},{width}]}}'
+        for px, py, length, width in walls
+    )
+    return f"obstacles=[{text}]"
+
+
+@pytest.mark.parametrize("period_s", [0.1, 0.05])
+def test_walls_that_the_lidar_sees_are_no_low_obstacles(period_s):
+    """Every second image of 0.05 s comes without a scan; the last one still tells of the walls."""
+    heard = []
+    camera = ["camera.enabled=true", f"camera.period_s={period_s}"]
+    room = [walls_round(-1.0, -1.5, 2.6, 1.5), "goal=[1.8,0.6]", *camera]
+    run = Simulation(load("open", room, seed=0), listeners=[heard.append]).run()
+    assert run.outcome == "reached"
+    told = [m for m in heard if isinstance(m, LowObstacles)]
+    assert len(told) > 30
+    assert max(len(m.surfaces_m) for m in told) == 0
 
 
 def test_without_images_it_stops_and_goes_on_when_they_come_again():
