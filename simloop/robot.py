@@ -183,7 +183,7 @@ class Robot:
         with self._time["slam"]:
             scan, scan_pose = self._last_scan
             movers = self._localiser.movers
-            fresh = self._low.look(image, estimate.pose, scan, scan_pose, movers)
+            fresh = self._low.update(image, estimate.pose, scan, scan_pose, movers)
             self._unchecked.append(fresh)
         self._say(LowObstacles(estimate.t_ns, self._low.surfaces_m.copy()))
 
@@ -304,7 +304,7 @@ class Robot:
         self._say(path)
 
     def _rear_first(self, pose: FloatArray, path_yaw: float) -> bool:
-        if self._low is not None and not self._low.has_been_on(pose, path_yaw):
+        if self._low is not None and not self._low.has_driven(pose, path_yaw):
             return False
         return rear_first(self._monitor, pose, path_yaw, self._tracker.reverses)
 

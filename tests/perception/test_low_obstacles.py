@@ -19,7 +19,12 @@ from simloop.geometry.se2 import between, transform_points
 from simloop.loop import Simulation
 from simloop.mapping.grid_map import GridMap
 from simloop.messages import DepthImage, Event, LowObstacles, MoverTracks
-from simloop.perception.low_obstacles import LowObstacleMap, in_the_way, looking_ahead, seen_too
+from simloop.perception.low_obstacles import (
+    LowObstacleMap,
+    find_obstacles,
+    looking_ahead,
+    on_scan_surfaces,
+)
 from simloop.physics.plant import Plant
 from simloop.scenario.load import load
 from simloop.sensors import DepthCamera
@@ -86,7 +91,7 @@ def seen(
 ) -> LowObstacleMap:
     into, scan_pose = into or low_map(), pose if scan_pose is None else scan_pose
     for k in range(looks):
-        into.look(image_of(world, pose=pose, seed=k), np.array(pose), scan, scan_pose, movers)
+        into.update(image_of(world, pose=pose, seed=k), np.array(pose), scan, scan_pose, movers)
     return into
 
 
@@ -154,7 +159,7 @@ def test_the_vehicle_in_its_arena_sees_what_hangs_there():
 # --- what of an image is in the way
 
 
-def plain_in_the_way(depth, high, camera_m, limits):
+def plain_obstacles(depth, high, camera_m, limits):
     """The oracle: the same rules, pixel by pixel, without a thought for speed."""
     step, slope, height, reach = limits
     found = []
@@ -195,21 +200,21 @@ def test_the_kernel_is_its_plain_twin(seed, things, ramp):
     config = replace(CLEAN, noise_1pm=0.002, dropout=0.05)
     image = image_of(Shapes(*boxes, ramp=ramp), config, seed=seed)
     depth = image.depth_m.astype(float)
-    found = in_the_way(image.depth_m, ROWS, MOUNT[2], LIMITS)
-    assert found == pytest.approx(plain_in_the_way(depth, ROWS, MOUNT[2], LIMITS))
+    found = find_obstacles(image.depth_m, ROWS, MOUNT[2], LIMITS)
+    assert found == pytest.approx(plain_obstacles(depth, ROWS, MOUNT[2], LIMITS))
 
 
 @given(st.floats(0.0, 0.35), seeds)
-def test_ground_and_ramps_are_not_in_the_way(ramp, seed):
+def test_ground_and_ramps_are_no_obstacles(ramp, seed):
     config = replace(CLEAN, noise_1pm=0.002, dropout=0.05)
     image = image_of(Shapes(ramp=ramp), config, seed=seed)
-    assert np.isinf(in_the_way(image.depth_m, ROWS, MOUNT[2], LIMITS)[:, 0]).all()
+    assert np.isinf(find_obstacles(image.depth_m, ROWS, MOUNT[2], LIMITS)[:, 0]).all()
 
 
 @given(st.floats(0.4, 0.95), st.floats(0.05, 0.5))
 def test_whatever_stands_is_found_at_its_face(far, tall):
     image = image_of(Shapes(block(MOUNT[0] + far, top=tall, y=(-9, 9))))
-    nearest, free, top = in_the_way(image.depth_m, ROWS, MOUNT[2], LIMITS).T
+    nearest, free, top = find_obstacles(image.depth_m, ROWS, MOUNT[2], LIMITS).T
     assert nearest == pytest.approx(far, abs=1e-3)
     assert (free <= far + 1e-3).all()
     assert (top <= tall + 1e-3).all()
@@ -219,20 +224,20 @@ def test_whatever_stands_is_found_at_its_face(far, tall):
 def test_whatever_hangs_too_low_is_found_at_its_face(far, bottom):
     hung = block(MOUNT[0] + far, bottom, 1.5, y=(-9, 9))
     image = image_of(Shapes(hung))
-    nearest, free, _ = in_the_way(image.depth_m, ROWS, MOUNT[2], LIMITS).T
+    nearest, free, _ = find_obstacles(image.depth_m, ROWS, MOUNT[2], LIMITS).T
     assert nearest == pytest.approx(far, abs=1e-3)
     assert (free <= far + 1e-3).all()
 
 
 @given(st.floats(0.5, 1.5), st.floats(0.3, 0.8))
-def test_what_hangs_high_enough_is_not_in_the_way(far, bottom):
+def test_what_hangs_high_enough_is_no_obstacle(far, bottom):
     image = image_of(Shapes(block(MOUNT[0] + far, bottom, 1.5, y=(-9, 9))))
-    assert np.isinf(in_the_way(image.depth_m, ROWS, MOUNT[2], LIMITS)[:, 0]).all()
+    assert np.isinf(find_obstacles(image.depth_m, ROWS, MOUNT[2], LIMITS)[:, 0]).all()
 
 
-def test_what_can_be_climbed_is_not_in_the_way():
+def test_what_can_be_climbed_is_no_obstacle():
     image = image_of(Shapes(block(0.8, top=0.02, y=(-9, 9))))
-    assert np.isinf(in_the_way(image.depth_m, ROWS, MOUNT[2], LIMITS)[:, 0]).all()
+    assert np.isinf(find_obstacles(image.depth_m, ROWS, MOUNT[2], LIMITS)[:, 0]).all()
 
 
 @given(seeds, st.integers(1, 30))
@@ -242,7 +247,7 @@ def test_points_of_a_scan_are_known_again(seed, count):
     scan = rng.uniform(0.5, 3.0, count)[:, None] * np.stack([np.cos(bearing), np.sin(bearing)], 1)
     points = np.concatenate((rng.uniform(-3, 3, (10, 2)), scan + 0.01))
     same = rng.uniform(0.02, 0.3, len(points))
-    told = seen_too(points, scan, same, 0.3)
+    told = on_scan_surfaces(points, scan, same, 0.3)
     for point, reach, said in zip(points, same, told, strict=True):
         apart = np.inf
         for a, b in zip(np.roll(scan, 1, axis=0), scan, strict=True):
@@ -320,14 +325,14 @@ def test_what_moves_is_left_out_and_makes_what_is_remembered_fade():
 
 def test_it_knows_the_way_that_it_came():
     into = low_map()
-    assert not into.has_been_on(ORIGIN, 0.0)
+    assert not into.has_driven(ORIGIN, 0.0)
     for x in np.arange(0.0, 2.0, 0.03):
         seen(Shapes(), 1, pose=np.array([x, 0.0, 0.0]), into=into)
     there = np.array([2.0, 0.05, 0.0])
-    assert into.has_been_on(there, math.pi)
-    assert not into.has_been_on(there, 0.0)
-    assert not into.has_been_on(there, 0.5 * math.pi)
-    assert not into.has_been_on(np.array([0.3, 0.0, 0.0]), math.pi)
+    assert into.has_driven(there, math.pi)
+    assert not into.has_driven(there, 0.0)
+    assert not into.has_driven(there, 0.5 * math.pi)
+    assert not into.has_driven(np.array([0.3, 0.0, 0.0]), math.pi)
 
 
 def test_what_is_only_guessed_is_told_apart():
