@@ -18,7 +18,7 @@ from simloop.common.files import check_directory, check_file, write_text
 from simloop.common.profiler import Profiler
 from simloop.common.terminal import print_table
 from simloop.evaluation.provenance import versions
-from simloop.graph_slam.map_localiser import Localiser
+from simloop.graph_slam.map_localiser import MapLocaliser
 from simloop.graph_slam.mapper import GraphMapper
 from simloop.graph_slam.settings import MappingConfig
 from simloop.graph_slam.warmup import warm_up
@@ -191,7 +191,7 @@ class _Tracking:
     closures: tuple[FloatArray, ...] = ()
 
     def __init__(self, grid: GridMap, config: MappingConfig, profiler: Profiler) -> None:
-        self.map, self._localiser = grid, Localiser(grid, config)
+        self.map, self._localiser = grid, MapLocaliser(grid, config)
         self._time = profiler.stage("match")
         self._poses: list[FloatArray] = []
         self.keyframes: list[int] = []
