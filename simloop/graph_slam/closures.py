@@ -131,9 +131,10 @@ class ClosureFinder:
         # In a wide window, search again without the neighbourhood of the match: places that look
         # alike cannot be told apart.
         if window[0] > _RIVAL_M:
-            but = np.array([[*found, _RIVAL_M, _RIVAL_RAD]])
-            rival = config.rival_score * score
-            if submap.grid.search(cluster, predicted, window, weights, rival, but)[1] >= 0.0:
+            excluded = np.array([[*found, _RIVAL_M, _RIVAL_RAD]])
+            least = config.rival_score * score
+            _, rival = submap.grid.search(cluster, predicted, window, weights, least, excluded)
+            if rival >= 0.0:
                 return None
         covariance = self._covariance(submap, pose, information, residual)
         edge = Edge(submap.anchor, newest, between(submap.anchor_pose, pose), covariance, True)
