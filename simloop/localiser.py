@@ -36,7 +36,7 @@ from simloop.messages import (
     MoverTracks,
     PoseFix,
 )
-from simloop.perception.mover_tracks import MoverWatch
+from simloop.perception.mover_tracks import MoverTracker
 from simloop.slam_grid import GridSlam
 
 _LEAST_POINTS = 30  # in a scan that can contradict: two thin posts that fit nowhere mean little
@@ -69,7 +69,7 @@ class Localiser:
         period_s, self._scan_s = config.rates.control_s, config.rates.lidar_s
         self.ekf = Ekf(config.ekf, config.encoder, config.imu, config.vehicle, start, period_s)
         self.slam = GridSlam(config.slam, config.vehicle, base_from_laser)
-        self._watch, self._laser = MoverWatch(), np.array(base_from_laser, np.float64)
+        self._watch, self._laser = MoverTracker(), np.array(base_from_laser, np.float64)
         self.health = HealthMonitor(round(self._scan_s * 1e9))
         self._reckoning = DeadReckoning(config.vehicle, config.encoder)
         self._sweep_ns = round((self._scan_s + period_s) * 1e9)
@@ -222,7 +222,7 @@ class Localiser:
         self.seen_from = None if belief is None else belief[0]
         if belief is None:
             return
-        moving = self._watch.look(self.slam.points_m, self._laser, belief[0], scan.t_ns)
+        moving = self._watch.update(self.slam.points_m, self._laser, belief[0], scan.t_ns)
         if self._watch.tracks is not None:
             self.said.append(self._watch.tracks)
         if not mapped:
@@ -250,6 +250,6 @@ class Localiser:
         self.ekf.doubt(fix.t_ns, doubts)
         self.health.found()
         self._found, self.jumped = None, True
-        self._watch.forget()
+        self._watch.reset()
         self.said.append(Event(scan.t_ns, "info", "found itself in its map again"))
         return fix

@@ -97,7 +97,7 @@ class Simulation:
             camera = self.plant.base_from_camera
             shoot = DepthCamera(config.camera, config.camera.period_s, camera, camera_rng).shoot
             self._shoot = watch.wrap("camera", shoot)
-        self.robot = Robot(config, mission, laser, planner_rng, watch, camera)
+        self.robot = Robot(config, mission, laser, planner_rng, watch, camera, float(mount[2]))
         self.metrics = RunMetrics(scenario, self.world.floor)
         offers = [] if recorder is None else [watch.wrap("recorder", recorder.offer)]
         self._listeners: list[Listener] = [self.metrics.offer, *offers, *listeners]

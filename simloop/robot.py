@@ -72,15 +72,28 @@ class Robot:
         rng: np.random.Generator,
         profiler: Profiler,
         base_from_camera: FloatArray | None = None,
+        laser_height_m: float = 0.0,
     ) -> None:
-        """base_from_laser: (3,) x, y, yaw; base_from_camera: (3,) x, y, z, if there is one."""
+        """Set up all stages.
+
+        Args:
+            config: All settings.
+            mission: Start and goal.
+            base_from_laser: (3,) x, y, m, and yaw, rad, of the laser in base_link.
+            rng: The planner's random numbers.
+            profiler: Times the stages.
+            base_from_camera: (3,) x, y, z of the depth camera in base_link, m, if there is one.
+            laser_height_m: Height of the LiDAR's plane over the ground, m, for the camera's map.
+        """
         rates, vehicle, drive = config.rates, config.vehicle, config.drive
         has_camera, period = base_from_camera is not None, rates.control_s
         self._localiser = Localiser(config, mission.start, base_from_laser, profiler)
         self._slam = self._localiser.slam
         self._low: LowObstacleMap | None = None
         if base_from_camera is not None:
-            self._low = LowObstacleMap(config.low_obstacles, config.slam, base_from_camera)
+            self._low = LowObstacleMap(
+                config.low_obstacles, config.slam, base_from_camera, laser_height_m
+            )
         self._navigator = Navigator(
             config, mission.goal, mission.goal_tolerance_m, rng, profiler, has_camera
         )
@@ -107,6 +120,8 @@ class Robot:
         self._counts, self._sprocket_radps = StandingCounts(), np.zeros(2)
         self._velocity, self._mode = STILL, Mode.STOP
         self._image_ns = 0
+        # The latest scan's points (n, 2) in base_link, and base_link's pose in map at its end.
+        self._last_scan = (_NOTHING, np.zeros(3))
         self._driven, self._may_reverse = False, True
         self.messages: list[Message] = []
         self._time = {name: profiler.stage(name) for name in ("slam", "tracker")}
@@ -161,6 +176,7 @@ class Robot:
         if localiser.new_surfaces_m is not None:
             self._navigator.note_surfaces(localiser.new_surfaces_m)
         if localiser.seen_from is not None:
+            self._last_scan = self._slam.points_m, localiser.seen_from
             self._monitor.observe(self._slam.points_m, localiser.seen_from, self._standing_m)
         return estimate
 
@@ -182,8 +198,9 @@ class Robot:
         if self._low is None or self._localiser.health.said.halts:
             return
         with self._time["slam"]:
-            scan = self._slam.points_m if self._localiser.seen_from is not None else _NOTHING
-            fresh = self._low.look(image, estimate.pose, scan, self._localiser.movers)
+            scan, scan_pose = self._last_scan
+            movers = self._localiser.movers
+            fresh = self._low.update(image, estimate.pose, scan, scan_pose, movers)
             self._navigator.note_surfaces(fresh)
         self.messages.append(LowObstacles(estimate.t_ns, self._low.surfaces_m.copy()))
 
@@ -207,7 +224,7 @@ class Robot:
             if tracker.path is not None:
                 tracker.reverses = self._rear_first(estimate.pose, tracker.path_yaw)
             behind = float(estimate.pose[2]) + math.pi
-            self._may_reverse = low is None or low.has_been_on(estimate.pose, behind)
+            self._may_reverse = low is None or low.has_driven(estimate.pose, behind)
 
     def _progress(self) -> Progress:
         """How far the robot has come on its path."""
@@ -228,7 +245,7 @@ class Robot:
 
     def _rear_first(self, pose: FloatArray, path_yaw: float) -> bool:
         """Whether to go rear first along a path; with a camera only the way that it came."""
-        if self._low is not None and not self._low.has_been_on(pose, path_yaw):
+        if self._low is not None and not self._low.has_driven(pose, path_yaw):
             return False
         return rear_first(self._monitor, pose, path_yaw, self._tracker.reverses)
 

@@ -176,9 +176,9 @@ def replay(
     from simloop.common.terminal import counting
     from simloop.graph_slam.settings import MappingConfig
     from simloop.mapping.map_files import load_map
-    from simloop.replay import session
+    from simloop.replay import outputs, session
 
-    files = session.ReplayFiles(out, json_file)
+    files = outputs.ReplayFiles(out, json_file)
     files.check(log, relations, prior, prior and prior.with_suffix(".pgm"))
     read, truth = session.load(log, relations)
     config = MappingConfig()
@@ -188,10 +188,10 @@ def replay(
         replayed = session.run(
             read, truth, config, known, lambda done: show(done) or not stop(), report
         )
-        session.write(replayed, files)
-    if json_file == session.STDOUT:
+        outputs.write(replayed, files)
+    if json_file == outputs.STDOUT:
         print(json.dumps(replayed.figures, indent=2))
     else:
-        session.print_figures(Console(), replayed.figures)
+        outputs.print_figures(Console(), replayed.figures)
         write_json(json_file, replayed.figures)
     return INTERRUPTED if replayed.figures["interrupted"] else 0

@@ -213,4 +213,3 @@ class LowObstaclesConfig:
     height_m: Length = 0.25
     reach_m: Positive = 2.5
     clear_m: Positive = 1.0
-    plane_m: Positive = 0.2

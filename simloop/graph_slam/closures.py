@@ -1,9 +1,12 @@
-"""Loop closures: where the last few scans fit a submap from long ago, and whether to believe it.
+"""Finds loop closures: places where the last few scans fit an old submap.
 
-What is looked for is a cluster, the scans of the last few keyframes as one: a single one, of a
-corridor say, fits in many places. The search covers what the graph leaves open (three standard
-deviations); a find must meet surfaces where it meets anything known, and have no rival elsewhere in
-the window; one from a wide window must be borne out by a second.
+The scans of the last few keyframes are matched together, as one cluster, because a single scan
+fits in many places, for instance in a corridor. The search window is what the graph leaves open:
+three standard deviations of the pose. A match is accepted if
+
+- most of its points that lie in known cells lie on surfaces,
+- no other place in the window fits nearly as well, and
+- the window was small, or a second match says the same.
 """
 
 from __future__ import annotations
@@ -14,43 +17,62 @@ from dataclasses import dataclass
 import numpy as np
 
 from simloop.geometry.se2 import between, compose, transform_points, wrap_angle
-from simloop.graph_slam.pose_graph import Edge, PoseGraph, turned
+from simloop.graph_slam.pose_graph import Edge, PoseGraph, rotated_covariance
 from simloop.graph_slam.scan_tracker import match_covariance
 from simloop.graph_slam.settings import MappingConfig
 from simloop.graph_slam.submap import Submap, meetings
 from simloop.mapping.correlative import thinned
 from simloop.messages import FloatArray
 
-_THIN_M = 0.1
-_RIVAL_M, _RIVAL_RAD = 0.5, 0.35
-_AGREE_M, _AGREE_RAD = 0.3, 0.06
-_MOST_CANDIDATES = 3
-_FORGET = 40  # keyframes after which a closure that nothing bore out is dropped
+_THIN_M = 0.1  # grain to which a cluster's points are thinned
+_RIVAL_M, _RIVAL_RAD = 0.5, 0.35  # a match farther off than this is of another place
+_AGREE_M, _AGREE_RAD = 0.3, 0.06  # two matches that differ by less confirm each other
+_MOST_CANDIDATES = 3  # submaps searched for one keyframe
+_FORGET_KEYFRAMES = 40  # after so many, a match that none confirmed is dropped
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Find:
+class _Match:
+    """A closure found; ``sure``: it needs no second match to confirm it."""
+
     edge: Edge
     sure: bool
 
 
 class ClosureFinder:
-    """Looks for closures of the newest keyframe.
+    """Searches old submaps for the place of the newest keyframe.
 
-    points: each keyframe's hits (n, 2) in base_link; local: its pose (3,) in the front end's frame.
+    Attributes:
+        tried: how many submaps have been searched.
     """
 
     def __init__(self, config: MappingConfig, graph: PoseGraph) -> None:
+        """Make a finder.
+
+        Args:
+            config: the mapper's settings.
+            graph: the graph of keyframes; it is read, not changed.
+        """
         self._config, self._graph = config, graph
         self._waiting: list[Edge] = []
         self.tried = 0
 
-    def look(
+    def find(
         self, submaps: list[Submap], points: list[FloatArray], local: list[FloatArray]
     ) -> list[Edge]:
-        """Closures to believe, of the newest keyframe and of those that it bears out."""
+        """Search for closures of the newest keyframe.
+
+        Args:
+            submaps: all submaps; only finished ones are searched.
+            points: hits (n, 2) of each keyframe in its base_link, m.
+            local: pose (3,) of each keyframe in the front end's frame.
+
+        Returns:
+            The accepted closures: of the newest keyframe, and of earlier ones that it confirms.
+        """
         newest = len(local) - 1
         first = max(0, newest - self._config.cluster_keyframes + 1)
+        # A submap that holds scans of the cluster itself would match them with themselves.
         old = [s for s in submaps if s.finished and s.keyframes[-1] < first]
         if not old:
             return []
@@ -58,17 +80,17 @@ class ClosureFinder:
         if len(cluster) < 0.1 * self._config.cluster_points:
             return []
         place, yaw = self._graph.uncertainty(newest)
-        believed: list[Edge] = []
+        accepted: list[Edge] = []
         for submap in self._candidates(old, newest, place):
             self.tried += 1
             window = np.array([3.0 * place[submap.anchor], 3.0 * yaw[submap.anchor]])
-            found = self._match(submap, newest, cluster, window)
-            if found is not None:
-                believed += self._weigh(found, local)
-        return believed
+            match = self._match(submap, newest, cluster, window)
+            if match is not None:
+                accepted += self._confirm(match, local)
+        return accepted
 
     def _candidates(self, old: list[Submap], newest: int, place: FloatArray) -> list[Submap]:
-        """Submaps that the newest keyframe may stand in, nearest first."""
+        """The old submaps in which the newest keyframe may stand, nearest first."""
         poses = np.array(self._graph.poses)[:, :2]
         ranked = []
         for submap in old:
@@ -82,64 +104,82 @@ class ClosureFinder:
 
     def _match(
         self, submap: Submap, newest: int, cluster: FloatArray, window: FloatArray
-    ) -> _Find | None:
+    ) -> _Match | None:
+        """Match the cluster to a submap within ``window`` (2,) m, rad of the graph's prediction."""
         config, poses = self._config, self._graph.poses
         predicted = compose(submap.anchor_pose, between(poses[submap.anchor], poses[newest]))
+        # A little wider than predicted: for the cells' grain, and for a variance of nearly zero.
         window = np.minimum(
             window + np.array([2.0 * config.grid.resolution_m, 0.03]),
             (config.most_window_m, config.most_window_rad),
         )
-        weights = 0.05 / window**2
+        weights = 0.05 / window**2  # 5 % of the score at the edge: of equals, the nearest
         found, score = submap.grid.search(
             cluster, predicted, window, weights, config.closure_least_score
         )
         if score < 0.0:
             return None
+        # A refinement that leaves the raster's pose by far has slid along to somewhere else.
         pose, information, _, residual = submap.grid.refine(cluster, found)
         moved = math.dist(pose[:2], found[:2])
         if residual > config.grid.most_residual or moved > 3.0 * config.grid.resolution_m:
             return None
+        # Walls fit walls in many wrong places; there, points stand where the map has free space.
         agreement, overlap = meetings(submap.grid, cluster, pose)
         if agreement < config.agreement or overlap < config.least_overlap:
             return None
+        # In a wide window, search again without the neighbourhood of the match: places that look
+        # alike cannot be told apart.
         if window[0] > _RIVAL_M:
-            but = np.array([[*found, _RIVAL_M, _RIVAL_RAD]])
-            rival = config.rival_score * score
-            if submap.grid.search(cluster, predicted, window, weights, rival, but)[1] >= 0.0:
+            excluded = np.array([[*found, _RIVAL_M, _RIVAL_RAD]])
+            least = config.rival_score * score
+            _, rival = submap.grid.search(cluster, predicted, window, weights, least, excluded)
+            if rival >= 0.0:
                 return None
         covariance = self._covariance(submap, pose, information, residual)
         edge = Edge(submap.anchor, newest, between(submap.anchor_pose, pose), covariance, True)
-        return _Find(edge, bool(window[0] <= config.sure_window_m))
+        return _Match(edge, bool(window[0] <= config.sure_window_m))
 
     def _covariance(
         self, submap: Submap, pose: FloatArray, information: FloatArray, residual: float
     ) -> FloatArray:
+        """(3, 3) covariance of a match, in the axes of the submap's anchor."""
         covariance = match_covariance(information, residual, self._config)
-        return turned(covariance, -submap.anchor_pose[2])
+        return rotated_covariance(covariance, -submap.anchor_pose[2])
 
-    def _weigh(self, find: _Find, local: list[FloatArray]) -> list[Edge]:
-        """A sure find at once; another once a second one says the same."""
-        if find.sure:
-            return [find.edge]
-        newest = find.edge.second
-        self._waiting = [e for e in self._waiting if newest - e.second <= _FORGET]
+    def _confirm(self, match: _Match, local: list[FloatArray]) -> list[Edge]:
+        """Accept a sure match at once, and another together with one that confirms it."""
+        if match.sure:
+            return [match.edge]
+        newest = match.edge.second
+        self._waiting = [e for e in self._waiting if newest - e.second <= _FORGET_KEYFRAMES]
         poses = self._graph.poses
-        place = compose(poses[find.edge.first], find.edge.pose)
+        place = compose(poses[match.edge.first], match.edge.pose)
         for other in self._waiting:
             if other.second == newest:
                 continue
-            way = between(local[other.second], local[newest])
-            said = compose(compose(poses[other.first], other.pose), way)
-            near = math.dist(place[:2], said[:2]) <= _AGREE_M
-            if near and abs(wrap_angle(place[2] - said[2])) <= _AGREE_RAD:
+            # Where the earlier match puts the newest keyframe: its own pose, and the motion since.
+            motion = between(local[other.second], local[newest])
+            expected = compose(compose(poses[other.first], other.pose), motion)
+            near = math.dist(place[:2], expected[:2]) <= _AGREE_M
+            if near and abs(wrap_angle(place[2] - expected[2])) <= _AGREE_RAD:
                 self._waiting.remove(other)
-                return [other, find.edge]
-        self._waiting.append(find.edge)
+                return [other, match.edge]
+        self._waiting.append(match.edge)
         return []
 
 
 def cluster_of(points: list[FloatArray], poses: list[FloatArray], most: int) -> FloatArray:
-    """(n, 2) hits of scans taken at ``poses``, as one, in base_link at the last; about ``most``."""
+    """Join several scans to one.
+
+    Args:
+        points: hits (n, 2) of each scan in its own base_link, m.
+        poses: pose (3,) of base_link at each scan, all in one frame.
+        most: about how many points to keep.
+
+    Returns:
+        (k, 2) points in base_link at the last scan, m, the newest scan's first.
+    """
     parts = [
         transform_points(between(poses[-1], pose), some)
         for pose, some in zip(reversed(poses), reversed(points), strict=True)

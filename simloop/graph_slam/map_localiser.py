@@ -1,7 +1,7 @@
-"""Where the robot is in a map that it was given, from a known place or from none.
+"""Localises the robot in a map that is given, from a known start or from none.
 
-While lost it says so, and looks for itself in the whole map with what it has seen over the last
-metres: one scan, of a corridor or of a corner, fits in many places.
+A lost robot reports that it is lost. It then searches the whole map with the scans of its last
+metres together: a single scan, of a corridor or a corner, fits in many places.
 """
 
 from __future__ import annotations
@@ -26,17 +26,27 @@ _NO_WEIGHTS = np.zeros(2)
 _START_STD, _FOUND_STD = (0.1, 0.1, 0.05), (0.05, 0.05, 0.02)  # x, y, yaw
 
 
-class Localiser:
-    """Tracks the robot through ``grid``, to which nothing is added.
+class MapLocaliser:
+    """Tracks the robot in a map, to which it adds nothing.
 
-    pose: (3,) base_link in map at the first scan, or None where nobody knows. ``lost``: whether
-    ``pose`` is but a guess; ``relocalised``: how often it found itself in the whole map. A place
-    that was found is taken for true once the robot has moved on and it still fits.
+    A place found by searching the whole map counts once the robot has moved on and the scans
+    still fit.
+
+    Attributes:
+        lost: whether the pose is only a guess.
+        relocalised: how often the robot found itself in the whole map.
     """
 
     def __init__(
         self, grid: GridMap, config: MappingConfig, pose: FloatArray | None = None
     ) -> None:
+        """Start at a known place, or lost.
+
+        Args:
+            grid: the map.
+            config: settings.
+            pose: (3,) base_link in map at the first scan; None if it is unknown.
+        """
         self._grid, self._config = grid, config
         self._tracker = ScanTracker(config)
         self.lost = pose is None
@@ -50,11 +60,19 @@ class Localiser:
 
     @property
     def pose(self) -> FloatArray:
-        """(3,) base_link in map; no more than a guess while ``lost``."""
+        """(3,) base_link in map; only a guess while ``lost``."""
         return self._tracker.pose.copy()
 
     def step(self, points: FloatArray, odom: FloatArray) -> bool:
-        """Take a scan's hits (n, 2) in base_link at raw odometry (3,); False while lost."""
+        """Take a scan.
+
+        Args:
+            points: (n, 2) hits in base_link, m.
+            odom: (3,) raw odometry, odom_from_base.
+
+        Returns:
+            Whether the pose is known; False while lost.
+        """
         motion = np.zeros(3) if self._odom is None else between(self._odom, odom)
         self._odom = np.array(odom, np.float64)
         self._tracker.predict(motion)
@@ -73,13 +91,12 @@ class Localiser:
         return not self.lost
 
     def _believable(self, points: FloatArray) -> bool:
-        """Whether the match is one: walls fit walls in many wrong places, and what tells is what
-        stands where the map has free space.
-        """
+        """Whether the match is credible: at a wrong place, points stand in the map's free space."""
         agreement, known = meetings(self._grid, points, self._tracker.pose)
         return agreement >= self._config.track_agreement and known >= self._config.least_share
 
     def _find(self, cluster: FloatArray) -> None:
+        """Search the whole map; a place found still has to prove itself."""
         pose = relocalise(self._grid, cluster, self._config)
         if pose is not None:
             self._set(pose, _FOUND_STD)

@@ -1,8 +1,8 @@
 """The mapper: scans and wheel odometry in, trajectory and map out.
 
-A scan is matched to the submap that the scans before it made (front end); keyframes and what joins
-them go into a graph, loop closures are looked for in older submaps, and the graph says where the
-keyframes stand (back end). The front end's own frame stays smooth; the map's may jump.
+The front end matches each scan to a submap made of the scans before it. Its frame is smooth: the
+pose never jumps in it. The back end keeps a graph of keyframes, searches old submaps for loop
+closures, and optimises the graph. The pose in map follows the graph, and jumps when it changes.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from simloop.common.profiler import NullProfiler, Stopwatch
 from simloop.geometry.se2 import between, compose
 from simloop.graph_slam.closures import ClosureFinder
-from simloop.graph_slam.pose_graph import Edge, PoseGraph, turned
+from simloop.graph_slam.pose_graph import Edge, PoseGraph, rotated_covariance
 from simloop.graph_slam.scan_tracker import ScanTracker
 from simloop.graph_slam.settings import MappingConfig
 from simloop.graph_slam.submap import Submap
@@ -22,14 +22,19 @@ from simloop.mapping.grid_map import GridMap
 from simloop.messages import FloatArray
 
 STAGES = ("match", "insert", "closures", "graph")
+"""Names of the stages that the profiler measures."""
 
-_LOST_KEYFRAMES = 3  # in a row that fit nothing: a new submap is begun
+_LOST_KEYFRAMES = 3  # after so many in a row that fit nothing, a new submap is begun
 
 
 class GraphMapper:
-    """Scans in the order of their times. start: (3,) base_link in map at the first of them.
+    """Maps one scan after the other, in the order of their times.
 
-    ``pose`` (3,): base_link in map, now. ``unmatched``: scans that fitted nothing.
+    Attributes:
+        graph: the keyframes and what joins them.
+        closures: the search for loop closures.
+        submaps: all submaps, oldest first.
+        unmatched: how many scans fitted nothing.
     """
 
     def __init__(
@@ -38,6 +43,13 @@ class GraphMapper:
         profiler: Stopwatch | None = None,
         start: FloatArray | None = None,
     ) -> None:
+        """Make an empty map.
+
+        Args:
+            config: settings; None for the defaults.
+            profiler: measures the ``STAGES``; None for no measurement.
+            start: (3,) base_link in map at the first scan; None for the origin.
+        """
         stages = profiler if profiler is not None else NullProfiler()
         self._time = {name: stages.stage(name) for name in STAGES}
         self._config = config if config is not None else MappingConfig()
@@ -59,23 +71,33 @@ class GraphMapper:
 
     @property
     def pose(self) -> FloatArray:
-        """(3,) base_link in map."""
+        """(3,) base_link in map, now."""
         keyframe, offset = self._trail[-1]
         return compose(self.graph.poses[keyframe], offset)
 
     @property
     def keyframe_points(self) -> list[FloatArray]:
-        """Each keyframe's hits, (n, 2) in its base_link."""
+        """Hits (n, 2) of each keyframe in its base_link, m."""
         return self._points
 
     def trajectory(self) -> FloatArray:
-        """(n, 3) base_link in map at each scan, by what is known by now."""
+        """Give the pose at every scan, as far as is known by now.
+
+        Returns:
+            (n, 3) base_link in map.
+        """
         return np.array([compose(self.graph.poses[k], offset) for k, offset in self._trail])
 
     def step(self, points: FloatArray, origins: FloatArray, odom: FloatArray) -> bool:
-        """Take a scan, points and origins (n, 2) in base_link, at raw odometry ``odom`` (3,).
+        """Take a scan.
 
-        True if it became a keyframe.
+        Args:
+            points: (n, 2) hits in base_link, m.
+            origins: (n, 2) where each beam began, in base_link, m.
+            odom: (3,) raw odometry, odom_from_base.
+
+        Returns:
+            Whether the scan became a keyframe.
         """
         if self._odom is None:
             self._odom = np.array(odom, np.float64)
@@ -96,13 +118,17 @@ class GraphMapper:
         return False
 
     def finish(self) -> None:
-        """Put all keyframes where, by all that has been found, they stand."""
-        if self.graph.has_news:
+        """Optimise the graph with all closures found so far."""
+        if self.graph.has_new_closures:
             with self._time["graph"]:
                 self.graph.optimise()
 
     def map(self) -> GridMap:
-        """The map made anew from all keyframes where they stand by now."""
+        """Make the map anew from all keyframes at their present poses.
+
+        Returns:
+            The map.
+        """
         grid = GridMap(self._config.grid)
         for points, origins, pose in zip(
             self._points, self._origins, self.graph.poses, strict=True
@@ -111,6 +137,7 @@ class GraphMapper:
         return grid
 
     def _keyframe(self, points: FloatArray, origins: FloatArray, matched: bool) -> None:
+        """Add a keyframe to graph and submaps, and search for closures now and then."""
         self._lost = 0 if matched else self._lost + 1
         self._points.append(points)
         self._origins.append(origins)
@@ -123,29 +150,33 @@ class GraphMapper:
             self._enter(number, points, origins)
         if number % self._config.closure_every == 0:
             with self._time["closures"]:
-                closures = self.closures.look(self.submaps, self._points, self._locals)
+                closures = self.closures.find(self.submaps, self._points, self._locals)
             for edge in closures:
                 self.graph.add_edge(edge)
+            # Optimising is slow: only after a submap has ended, or for several closures at once.
             if len(closures) > 1 or self._submap_ended:
                 self._submap_ended = False
                 self.finish()
 
     def _join(self, local: FloatArray) -> int:
-        """Put a keyframe into the graph, where the front end has it.
+        """Add a keyframe to the graph; its number.
 
-        By one edge, to the anchor of the submap to which it was matched: what else could be said,
-        as how it lies to the keyframe before, would be the same match told twice.
+        One edge joins it to the anchor of the submap to which it was matched. A second edge, to
+        the keyframe before, would count the same match twice.
         """
         if not self._locals:
             return self.graph.add_pose(local)
         submap = self._active[0]
         step = between(submap.anchor_pose, local)
         number = self.graph.add_pose(compose(self.graph.poses[submap.anchor], step))
-        covariance = turned(self._tracker.covariance, -submap.anchor_pose[2])
+        covariance = rotated_covariance(self._tracker.covariance, -submap.anchor_pose[2])
         self.graph.add_edge(Edge(submap.anchor, number, step, covariance, False))
         return number
 
     def _enter(self, number: int, points: FloatArray, origins: FloatArray) -> None:
+        """Enter a keyframe in the active submaps, and begin and finish submaps when due."""
+        # Two overlapping submaps are active, so that the newer one is half full when the older one
+        # is finished and scans are matched to the newer one.
         half = self._config.submap_keyframes // 2
         if not self._active or len(self._active[-1].keyframes) >= half:
             self._active.append(Submap(self._config.grid, number, self._tracker.pose))
@@ -157,8 +188,10 @@ class GraphMapper:
             submap.add(number, points, origins, self._tracker.pose)
 
     def _end_submaps(self) -> None:
+        """Finish the active submaps: the scans no longer fit them."""
         for submap in self._active:
             submap.finish()
         self._active = []
+        # The next submap begins at the present pose, which is exact relative to itself.
         self._tracker.covariance = np.zeros((3, 3))
         self._submap_ended = True

@@ -1,4 +1,4 @@
-"""The mapper's settings. None of them belongs to a particular robot, laser or building."""
+"""Settings of the mapper. None of them is for a particular robot, laser or building."""
 
 from __future__ import annotations
 
@@ -9,17 +9,36 @@ from simloop.config import SlamConfig
 
 @dataclass(frozen=True, slots=True)
 class MappingConfig:
-    """Lengths m, angles rad, standard deviations.
+    """Settings of the mapper, and of localisation in a known map.
 
-    odometry_*: what a step of wheel odometry may be off by: so much at rest, and per metre and
-    radian of it. keyframe_*: motion after which a scan enters the map. submap_keyframes: scans of
-    a submap; the next begins halfway. cluster_keyframes: scans that are matched as one for a
-    closure, one every closure_every keyframes. agreement: the share that surfaces must have among
-    the points that meet what the submap knows. sure_window_*: the search's size within which one
-    closure suffices; beyond it a second must agree. erring_alike: points of a scan that share the
-    error of the surface they meet. rival_score: share of a find's score that no place
-    elsewhere may reach. track_agreement: the like in a known map, in which lost_scans in a row
-    that agree less mean lost; of the last lookout_keyframes a lost robot makes its picture.
+    Attributes:
+        grid: settings of the occupancy grids.
+        range_max_m: longer ranges are ignored.
+        odometry_xy_m: standard deviation of a step of odometry at rest, per axis, m.
+        odometry_xy_per_m: the same, per metre of the step, m/m.
+        odometry_xy_per_rad: the same, per radian of the step, m/rad.
+        odometry_yaw_rad: standard deviation of the step's yaw at rest, rad.
+        odometry_yaw_per_m: the same, per metre of the step, rad/m.
+        odometry_yaw_per_rad: the same, per radian of the step, rad/rad.
+        search_points: how many points of a scan the search uses.
+        least_share: share of a scan's points that must lie on surfaces.
+        erring_alike: how many points of a scan share the error of the surface they meet.
+        keyframe_m: distance from the last keyframe after which a scan becomes one.
+        keyframe_rad: the same, as a turn.
+        submap_keyframes: keyframes in a submap; the next submap begins halfway.
+        closure_every: a closure is searched for once in so many keyframes.
+        cluster_keyframes: keyframes whose scans are matched as one for a closure.
+        cluster_points: about how many points such a cluster has.
+        closure_least_score: mean likelihood, 0 to 1, that a closure's points need.
+        agreement: share of the points in known cells that must lie on surfaces.
+        least_overlap: share of the points that must lie in known cells.
+        sure_window_m: search window up to which one match is enough; beyond, a second must agree.
+        most_window_m: largest search window.
+        most_window_rad: the same for the yaw.
+        rival_score: share of the best score that no other place may reach.
+        track_agreement: like ``agreement``, for a scan in a known map.
+        lost_scans: so many scans in a row that agree less mean that the robot is lost.
+        lookout_keyframes: a lost robot searches with the scans of so many keyframes.
     """
 
     grid: SlamConfig = field(default_factory=lambda: SlamConfig(match_std_xy_m=0.01))

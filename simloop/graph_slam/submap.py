@@ -1,4 +1,4 @@
-"""A submap: the scans of some metres of way, in the frame in which they were matched."""
+"""A submap: the scans of a few metres of travel, in the frame in which they were matched."""
 
 from __future__ import annotations
 
@@ -12,36 +12,68 @@ from simloop.config import SlamConfig
 from simloop.mapping.grid_map import GridMap
 from simloop.messages import FloatArray
 
-_FREE_BELOW = -0.3  # log-odds: seen free more than once, and not a surface
+_FREE_BELOW = -0.3  # log-odds of a cell that was seen free more than once
 
 
 class Submap:
     """A grid in the front end's own smooth frame, and the keyframes that are in it.
 
-    ``anchor``: the number of the first keyframe, ``anchor_pose`` (3,) where it stood in that
-    frame: what the graph does to the anchor, it does to the submap.
+    The submap moves with its first keyframe, the anchor: when the graph moves the anchor in map,
+    the whole submap moves with it.
+
+    Attributes:
+        grid: the occupancy grid.
+        anchor: number of the anchor.
+        anchor_pose: (3,) base_link at the anchor, in the front end's frame.
+        keyframes: numbers of all keyframes in the grid.
+        finished: whether it is complete; only then is it searched for loop closures.
     """
 
     def __init__(self, config: SlamConfig, anchor: int, anchor_pose: FloatArray) -> None:
+        """Make an empty submap.
+
+        Args:
+            config: settings of the grid.
+            anchor: number of the first keyframe.
+            anchor_pose: (3,) its base_link in the front end's frame.
+        """
         self.grid = GridMap(config)
         self.anchor, self.anchor_pose = anchor, np.array(anchor_pose, np.float64)
         self.keyframes: list[int] = []
         self.finished = False
 
     def add(self, keyframe: int, points: FloatArray, origins: FloatArray, pose: FloatArray) -> None:
-        """Enter a keyframe's scan at ``pose`` (3,)."""
+        """Enter a keyframe's scan.
+
+        Args:
+            keyframe: its number.
+            points: (n, 2) hits in base_link, m.
+            origins: (n, 2) where each beam began, in base_link, m.
+            pose: (3,) base_link in the front end's frame.
+        """
         self.keyframes.append(keyframe)
         self.grid.insert(points, origins, pose)
 
     def finish(self) -> None:
-        """Nothing more will be entered."""
+        """Mark it as complete, and prepare it for searches."""
         self.finished = True
         self.grid.renew_fields()
 
 
 def meetings(grid: GridMap, points: FloatArray, pose: FloatArray) -> tuple[float, float]:
-    """Of points (n, 2) at ``pose`` (3,): (share that meet surfaces among those that meet anything
-    known, share that meet anything known).
+    """Measure how well a scan agrees with a map.
+
+    Points that lie in free cells count against a pose. A matcher's score does not see them: it
+    only rewards points on surfaces.
+
+    Args:
+        grid: the map.
+        points: (n, 2) hits in base_link, m.
+        pose: (3,) base_link in the grid's frame.
+
+    Returns:
+        The share of points on surfaces among those in known cells, and the share of points in
+        known cells.
     """
     met, free = _meetings(
         points,
@@ -64,7 +96,7 @@ def _meetings(
     log_odds: NDArray[np.float32],
     occupied: NDArray[np.bool_],
 ) -> tuple[int, int]:
-    """How many points lie within a cell of a surface, and how many in the midst of free cells."""
+    """How many points lie on or next to a surface, and how many amid free cells."""
     rows, cols = log_odds.shape
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     met, free = 0, 0
@@ -72,8 +104,10 @@ def _meetings(
         x = pose[0] + cos * points[i, 0] - sin * points[i, 1]
         y = pose[1] + sin * points[i, 0] + cos * points[i, 1]
         row, col = math.floor((y - y0) / resolution), math.floor((x - x0) / resolution)
+        # The border is left out, so that every point has its eight neighbours.
         if not (1 <= row < rows - 1 and 1 <= col < cols - 1):
             continue
+        # A point beside a surface is no contradiction: poses and surfaces err by about a cell.
         near = False
         for r in range(row - 1, row + 2):
             for c in range(col - 1, col + 2):

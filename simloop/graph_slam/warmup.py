@@ -1,4 +1,4 @@
-"""Compiles the mapper's kernels on a small made-up log, before the clock matters."""
+"""Compiles the mapper's kernels on a small synthetic log, so that no timing includes it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,14 @@ from simloop.graph_slam.settings import MappingConfig
 
 
 def warm_up(report: Report = silent) -> int:
-    """Map a square room for a few scans, thrown away; how many kernels were compiled."""
+    """Map a square room for a few scans, and discard the map.
+
+    Args:
+        report: called for each kernel that is compiled.
+
+    Returns:
+        How many kernels were compiled.
+    """
     config = replace(MappingConfig(), submap_keyframes=2, cluster_keyframes=2, closure_every=1)
     side = np.linspace(-2.0, 2.0, 60)
     end = np.full_like(side, 2.0)

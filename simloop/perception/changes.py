@@ -1,8 +1,9 @@
-"""What has come to where nothing was: points of a scan in space that an earlier scan saw through.
+"""Detects which points of a scan lie in space that an earlier scan saw to be free.
 
-A surface that has always stood there was met by whoever looked that way, or hidden behind another;
-so a point that lies well before all that an earlier scan met in its direction has moved there
-since. No map is needed, and a map's own mistakes are not taken over.
+A static surface was hit by every earlier beam in its direction, or was hidden behind something
+nearer. So a point well in front of everything that an earlier scan hit in that direction must have
+moved there since. The test compares scans only: it needs no map, and errors of the map do not
+enter it.
 """
 
 from __future__ import annotations
@@ -16,73 +17,101 @@ from numpy.typing import NDArray
 
 from simloop.messages import FloatArray
 
-_BINS = 360
-_AGES = (3, 6, 12, 20)  # scans back: what is slow takes long to leave its place
-_WINDOW = 2  # bins on either side that must have been seen through as well
-_WANDERS_M = 0.06  # how far the laser goes in one turn: the nearer, the wider the window
-_LEAST_KNOWN = 3
+BINS = 360
+"""Directions round the laser, one degree each, in which an earlier scan keeps its range."""
+
+_SCANS_BACK = (3, 6, 12, 20)  # old scans too: something slow takes long to leave its place
+_WINDOW_BINS = 2  # neighbour bins on either side that must have been free as well
+_LASER_SHIFT_M = 0.06  # how far the laser moves in one sweep: near points need a wider window
+_LEAST_KNOWN_BINS = 3  # in the window: with fewer, the earlier scan saw too little there
 _MARGIN_M = 0.10
-_MARGIN_SHARE = 0.02  # of the distance
-_FAR_M = 7.0  # beyond, things fall between the beams
+_MARGIN_SHARE = 0.02  # of the distance, added to the margin
+_FAR_M = 7.0  # beyond it, thin things fall between the beams
 
 
 @njit(cache=True)
 def _bin(dx: float, dy: float) -> int:
-    """The number of the direction of (dx, dy)."""
-    return int((math.atan2(dy, dx) / (2.0 * math.pi) + 0.5) * _BINS) % _BINS
+    """The bin of the direction (dx, dy)."""
+    return int((math.atan2(dy, dx) / (2.0 * math.pi) + 0.5) * BINS) % BINS
 
 
 @njit(cache=True)
-def reaches(points: FloatArray, centre: FloatArray) -> FloatArray:
-    """(bins,) m from ``centre`` (2,) to the nearest of points (n, 2) in each direction; inf where
-    there is none: nothing is known there."""
-    out = np.full(_BINS, np.inf)
+def nearest_ranges(points: FloatArray, laser: FloatArray) -> FloatArray:
+    """Reduce a scan to the nearest range in each direction.
+
+    Args:
+        points: (n, 2) hits in map, m.
+        laser: (2,) the laser's position in map, m.
+
+    Returns:
+        (BINS,) distance from ``laser`` to the nearest point of each bin, m; inf where the bin is
+        empty, which means that nothing is known there. Bin 0 begins at bearing -pi in map.
+    """
+    out = np.full(BINS, np.inf)
     for i in range(points.shape[0]):
-        dx, dy = points[i, 0] - centre[0], points[i, 1] - centre[1]
+        dx, dy = points[i, 0] - laser[0], points[i, 1] - laser[1]
         bearing = _bin(dx, dy)
         out[bearing] = min(out[bearing], math.hypot(dx, dy))
     return out
 
 
 @njit(cache=True)
-def seen_through(
-    points: FloatArray, centre: FloatArray, reach: FloatArray, moved: NDArray[np.bool_]
+def mark_moved(
+    points: FloatArray, laser: FloatArray, ranges: FloatArray, moved: NDArray[np.bool_]
 ) -> None:
-    """Mark in ``moved`` (n,) the points (n, 2) before all that ``reach`` met from ``centre``."""
+    """Mark the points that lie where an earlier scan saw free space.
+
+    Args:
+        points: (n, 2) hits of the new scan in map, m.
+        laser: (2,) the laser's position in map at the earlier scan, m.
+        ranges: (BINS,) the earlier scan's ``nearest_ranges``, m.
+        moved: (n,) changed in place: set where a point moved, never cleared.
+    """
     for i in range(points.shape[0]):
-        dx, dy = points[i, 0] - centre[0], points[i, 1] - centre[1]
+        dx, dy = points[i, 0] - laser[0], points[i, 1] - laser[1]
         far = math.hypot(dx, dy)
         if moved[i] or far > _FAR_M:
             continue
-        bearing, enough = _bin(dx, dy), far * (1.0 + _MARGIN_SHARE) + _MARGIN_M
-        if not reach[bearing] > enough:
-            continue  # as mostly, and soon told
+        # The earlier beam must have gone clearly past the point: noise and the error of the pose
+        # are no motion.
+        bearing, needed = _bin(dx, dy), far * (1.0 + _MARGIN_SHARE) + _MARGIN_M
+        if not ranges[bearing] > needed:
+            continue  # nearly every point ends here, without the search of the window
+        # A beam that just misses an edge sees past a static thing. So the neighbours must have
+        # been free too, over a wider angle the nearer the point: the laser itself has moved.
         least, known = np.inf, 0
-        window = _WINDOW + int(_WANDERS_M / max(far, 0.05) * _BINS / (2.0 * math.pi))
+        window = _WINDOW_BINS + int(_LASER_SHIFT_M / max(far, 0.05) * BINS / (2.0 * math.pi))
         for k in range(-window, window + 1):
-            there = reach[(bearing + k) % _BINS]
-            known += np.isfinite(there)
-            least = min(least, there)
-        if known >= _LEAST_KNOWN and least > enough:
+            seen = ranges[(bearing + k) % BINS]
+            known += np.isfinite(seen)
+            least = min(least, seen)
+        if known >= _LEAST_KNOWN_BINS and least > needed:
             moved[i] = True
 
 
 class ChangeDetector:
-    """Remembers two seconds of scans."""
+    """Compares each scan with scans of the last two seconds."""
 
     def __init__(self) -> None:
-        self._past: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=max(_AGES))
+        self._past: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=max(_SCANS_BACK))
 
-    def forget(self) -> None:
-        """The robot stands elsewhere than was thought: all is new, and nothing has changed."""
+    def reset(self) -> None:
+        """Forget all scans: the robot's pose has jumped, so they no longer fit together."""
         self._past.clear()
 
-    def look(self, points_m: FloatArray, centre_m: FloatArray) -> NDArray[np.bool_]:
-        """(n,) which of a scan's points (n, 2), cast from ``centre_m`` (2,), both in map, lie where
-        nothing was."""
+    def detect(self, points_m: FloatArray, laser_m: FloatArray) -> NDArray[np.bool_]:
+        """Compare a scan with the earlier ones, and remember it.
+
+        Args:
+            points_m: (n, 2) hits in map.
+            laser_m: (2,) the laser's position in map.
+
+        Returns:
+            (n,) whether each point lies where an earlier scan saw free space.
+        """
         moved = np.zeros(len(points_m), np.bool_)
-        for age in _AGES:
-            if age <= len(self._past):
-                seen_through(points_m, *self._past[-age], moved)
-        self._past.append((np.array(centre_m, np.float64), reaches(points_m, centre_m)))
+        for scans_back in _SCANS_BACK:
+            if scans_back <= len(self._past):
+                mark_moved(points_m, *self._past[-scans_back], moved)
+        self._past.append((np.array(laser_m, np.float64), nearest_ranges(points_m, laser_m)))
         return moved

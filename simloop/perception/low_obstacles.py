@@ -1,12 +1,12 @@
-"""What stands lower than the LiDAR's plane, or hangs above it: seen by a depth camera, remembered.
+"""Remembers obstacles that the LiDAR cannot see: too low for its plane, or hanging above it.
 
-    image -> what rises steeply from the ground -> but what the scan shows too -> a grid of its own
+    depth image -> steep rises from the ground -> less what the scan shows too -> a grid of its own
 
-Each column of an image is a slice through the world, upright and of one bearing. A pixel is in the
-robot's way if one below it in its column lies lower, and not much nearer: so ramps, and a pitching
-robot, are no obstacles, and a bar that hangs free is one. The nearest such pixel of a column is
-kept, and a little of what it hides. What the camera sees no more, as it comes too near, is still
-there; it is forgotten only where the whole height of the robot is seen to be free.
+A column of an image is an upright slice through the world. A pixel is an obstacle if a pixel below
+it in its column is lower, and not much nearer. So ramps and a pitching robot make no obstacles, and
+a bar that hangs free does. The map keeps the nearest such pixel of each column and some depth
+behind it. When the robot comes so near that the camera no longer sees an obstacle, it is kept. It
+is forgotten only where the whole height of the robot is seen to be free.
 """
 
 from __future__ import annotations
@@ -18,32 +18,31 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from simloop.config import Config, LowObstaclesConfig, SlamConfig
+from simloop.config import LowObstaclesConfig, SlamConfig
 from simloop.geometry.discs import on_discs
-from simloop.geometry.se2 import transform_points
+from simloop.geometry.se2 import between, transform_points
 from simloop.mapping.grid_map import GridMap
 from simloop.messages import DepthImage, FloatArray, MoverTracks, pixel_slopes
 
-_EDGE_M = 0.04  # two pixels of a column that are so near one another are of one thing
-_NEARER_M = 0.015  # than seen: a corner recedes in the mean of its cell
+_EDGE_M = 0.04  # two pixels of a column this close in depth belong to one thing
+_BIAS_M = 0.015  # a corner comes out too far, as the mean of its cell; this moves it back
 _DEPTHS_M = tuple(np.arange(0.05, 0.26, 0.05).tolist())
-"""What is seen is taken to be so deep, until it is seen that it is not."""
-_TRAIL_M, _ASIDE_M, _BACKWARDS_M = 0.05, 0.12, (0.1, 0.2, 0.3, 0.4, 0.5)
-_TURN_RAD, _LEAD_IN_RAD = 0.4, 0.3  # well within what the camera sees to either side
-_SIGHTINGS = 1.5  # more of them are needed: something that moves is seen once in each place
-_FADES = 0.01  # of the odds, with each image in which something moves
-_NOT_SO_FAR_M = 0.1  # short of what stands there, no vote for free ground
-_SAME_M = 0.03  # from the line between two points of a scan: seen by it too
-_TALL_M = 0.15  # the same for what reaches up to the scan, and may have moved since its beams
-_ONE_SURFACE_M = 0.3  # farther apart, two points of a scan are not of one surface
-_MOVER_M = 0.1  # about what moves
+"""How far behind its face an obstacle is assumed to reach, until its place is seen to be free."""
+_TRAIL_STEP_M, _ASIDE_M, _BACKWARDS_M = 0.05, 0.12, (0.1, 0.2, 0.3, 0.4, 0.5)
+_SIGHTINGS = 1.5  # more are needed: a moving thing is seen only once in each place
+_FADE = 0.01  # of the log-odds, with each image in which something moves
+_FREE_MARGIN_M = 0.1  # no vote for free ground so close before an obstacle
+_SAME_M = 0.03  # a point this near to a surface of the scan is on that surface
+_TALL_M = 0.15  # the same for things as tall as the scan's plane: they may have moved since
+_ONE_SURFACE_M = 0.3  # neighbours in a scan that lie farther apart are on different surfaces
+_MOVER_PADDING_M = 0.1  # round moving things
 
 
 @njit(cache=True)
 def _climbs(
     depth: NDArray[np.float32], z: FloatArray, row: int, col: int, step: float, slope: float
 ) -> bool:
-    """Whether a pixel is higher than one below it in its column, and not much farther or nearer."""
+    """Whether the pixel rises steeply from one below it in its column."""
     for below in range(row + 1, depth.shape[0]):
         rise = z[row] - z[below]
         if rise >= step and rise >= slope * abs(depth[row, col] - depth[below, col]):
@@ -52,19 +51,25 @@ def _climbs(
 
 
 @njit(cache=True)
-def in_the_way(
-    depth: NDArray[np.float32], high: FloatArray, camera_m: float, limits: FloatArray
+def find_obstacles(
+    depth: NDArray[np.float32], row_slopes: FloatArray, camera_m: float, limits: FloatArray
 ) -> FloatArray:
-    """(cols, 3) for each column the depth, m, of the nearest thing that is in the way, or inf, up
-    to which depth there surely is none, and how high, m, the nearest thing is seen to reach.
+    """Find the nearest obstacle in each column of a depth image.
 
-    depth: (rows, cols); high: (rows,) how much a row's rays rise for one of depth, top row first;
-    camera_m: the camera over the ground. limits: (4,) least step, m, slope, most height, m, reach,
-    m. The slope is that of a column straight ahead; it is less steep to the sides.
+    A thing whose foot falls into a wide gap between the depths of two rows is left for a nearer
+    look. A pixel above the robot's height counts as hanging down into its way if the next ray
+    below passes under it: its lower edge may lie anywhere between the two rays.
 
-    A thing whose foot lies anywhere between two rows' ends that are far apart is left for a nearer
-    look. One that begins above the height, with the next ray below passing under it, may hang
-    down between these two rays, and counts.
+    Args:
+        depth: (rows, cols) along the optical axis, m, top row first; inf where nothing came back.
+        row_slopes: (rows,) rise of each row's rays for one unit of depth.
+        camera_m: height of the camera over the ground, m.
+        limits: (4,) least step, m; least slope of a rise, for a column straight ahead (it is less
+            steep to the sides); greatest height that is in the way, m; greatest depth, m.
+
+    Returns:
+        (cols, 3) for each column: depth of the nearest obstacle, m, or inf; depth up to which the
+        ground is surely free, m; height that the nearest obstacle is seen to reach, m.
     """
     step, slope, height, reach = limits
     rows, cols = depth.shape
@@ -72,22 +77,26 @@ def in_the_way(
     for col in range(cols):
         nearest, ground, free = np.inf, 0.0, np.inf
         before = 0.0  # depth of the next valid pixel below
+        # Upwards from the foot of the image: a pixel is judged by the pixels below it.
         for row in range(rows - 1, -1, -1):
             far = float(depth[row, col])
-            z[row] = camera_m + high[row] * far if far < np.inf else np.nan
+            z[row] = camera_m + row_slopes[row] * far if far < np.inf else np.nan
             if not far < np.inf:
                 continue
             if z[row] < step:
                 ground = max(ground, far)
             elif far <= reach and (far < nearest or before < free):
+                # The ray below went on under this pixel, so there is a gap beneath it.
                 under = row + 1 < rows and before > far
-                hangs = under and camera_m + high[row + 1] * far < height <= z[row]
+                hangs = under and camera_m + row_slopes[row + 1] * far < height <= z[row]
                 if hangs or (z[row] <= height and _climbs(depth, z, row, col, step, slope)):
                     free = min(free, before, far)
+                    # Only where the pixel below is about as near is the foot known well.
                     if far - before < _EDGE_M:
                         nearest = min(nearest, far)
             before = far
         found[col, 0], found[col, 1] = nearest, min(ground, free)
+        # The height tells whether the LiDAR should have seen it too.
         for row in range(rows):
             if abs(depth[row, col] - nearest) < _EDGE_M:
                 found[col, 2] = max(found[col, 2], z[row])
@@ -95,38 +104,65 @@ def in_the_way(
 
 
 @njit(cache=True)
-def seen_too(
-    points: FloatArray, scan: FloatArray, same: FloatArray, apart: float
+def on_scan_surfaces(
+    points: FloatArray, scan: FloatArray, tolerance_m: FloatArray, gap_m: float
 ) -> NDArray[np.bool_]:
-    """(n,) which points (n, 2) lie within ``same`` (n,), m, of a line from one of a scan (m, 2),
-    in order of bearing, to the next, where these are no more than ``apart`` m from one another."""
+    """Tell which points lie on the surfaces that a scan shows.
+
+    Neighbouring points of the scan are joined by a straight line, because the camera sees a wall
+    between two beams as well.
+
+    Args:
+        points: (n, 2) m.
+        scan: (m, 2) hits, m, in the same frame, in the order of their bearings all round.
+        tolerance_m: (n,) a point nearer than this to a line is on it.
+        gap_m: neighbours of the scan farther apart than this are not joined.
+
+    Returns:
+        (n,) bool.
+    """
     out = np.zeros(points.shape[0], np.bool_)
     for i in range(points.shape[0]):
         for k in range(scan.shape[0]):
+            # From the previous hit (the last one for k = 0) to this one.
             ax, ay = scan[k - 1, 0], scan[k - 1, 1]
             dx, dy = scan[k, 0] - ax, scan[k, 1] - ay
             px, py = points[i, 0] - ax, points[i, 1] - ay
             square = dx * dx + dy * dy
-            if square > apart * apart:
-                dx, dy, square = 0.0, 0.0, 0.0
+            if square > gap_m * gap_m:
+                dx, dy, square = 0.0, 0.0, 0.0  # not one surface: only the hit itself counts
+            # f: where along the line the point's foot lies, 0 to 1.
             f = min(1.0, max(0.0, (px * dx + py * dy) / square)) if square > 0.0 else 0.0
-            if math.hypot(px - f * dx, py - f * dy) < same[i]:
+            if math.hypot(px - f * dx, py - f * dy) < tolerance_m[i]:
                 out[i] = True
                 break
     return out
 
 
 class LowObstacleMap:
-    """Remembers in map; base_from_camera: (3,) in base_link, m, where it looks along x, level.
+    """Keeps what the depth camera saw and the LiDAR did not.
 
-    ``surfaces_m`` (k, 2) holds, in map, all that is remembered; ``seen_m`` (m, 2) that part of it
-    which was seen, without the depth that it is guessed to have.
+    Attributes:
+        surfaces_m: (k, 2) in map, all obstacles with the depth that they are assumed to have.
+        seen_m: (m, 2) in map, that part of them which was really seen.
     """
 
     def __init__(
-        self, config: LowObstaclesConfig, slam: SlamConfig, base_from_camera: FloatArray
+        self,
+        config: LowObstaclesConfig,
+        slam: SlamConfig,
+        base_from_camera: FloatArray,
+        laser_height_m: float,
     ) -> None:
-        self._config = config
+        """Make an empty map.
+
+        Args:
+            config: what counts as an obstacle.
+            slam: settings of the grids.
+            base_from_camera: (3,) the camera's position in base_link, m; it looks along x, level.
+            laser_height_m: height of the LiDAR's plane over the ground, m.
+        """
+        self._config, self._laser_m = config, laser_height_m
         sure = replace(slam, occupied_log_odds=_SIGHTINGS * slam.hit_log_odds)
         self._seen, self._behind = GridMap(sure), GridMap(sure)
         self._mount = np.array(base_from_camera, np.float64)
@@ -134,83 +170,105 @@ class LowObstacleMap:
         self.surfaces_m = self.seen_m = np.empty((0, 2))
         self._trail: list[FloatArray] = []
 
-    def look(
+    def update(
         self,
         image: DepthImage,
         pose: FloatArray,
         scan_m: FloatArray,
+        scan_pose: FloatArray,
         movers: MoverTracks | None = None,
     ) -> FloatArray:
-        """Take an image, seen from ``pose`` (3,) in map; (k, 2) in map, what is new in it.
+        """Enter a depth image.
 
-        scan_m: (n, 2) in base_link, what the LiDAR sees meanwhile.
+        Args:
+            image: the image.
+            pose: (3,) base_link in map when the image was taken.
+            scan_m: (n, 2) hits of the latest scan, m, in base_link at ``scan_pose``.
+            scan_pose: (3,) base_link in map at the end of that scan, which may be earlier.
+            movers: what moves; it is not entered.
+
+        Returns:
+            (k, 2) in map, the places that became occupied.
         """
-        if not self._trail or math.dist(self._trail[-1], pose[:2]) > _TRAIL_M:
+        if not self._trail or math.dist(self._trail[-1], pose[:2]) > _TRAIL_STEP_M:
             self._trail.append(np.array(pose[:2]))
         rows, cols = image.depth_m.shape
-        aside = pixel_slopes(cols, image.focal_px[0])
-        high = pixel_slopes(rows, image.focal_px[1])
-        nearest, free, top = in_the_way(image.depth_m, high, self._mount[2], self._limits).T
+        column_slopes = pixel_slopes(cols, image.focal_px[0])
+        row_slopes = pixel_slopes(rows, image.focal_px[1])
+        nearest, free, top = find_obstacles(
+            image.depth_m, row_slopes, self._mount[2], self._limits
+        ).T
         met = np.isfinite(nearest)
-        far, its_aside = nearest[met], aside[met]
-        points = self._points(far, its_aside)
-        same_m = np.where(top[met] >= self._config.plane_m, _TALL_M, _SAME_M)
-        new = ~seen_too(points, scan_m, same_m, _ONE_SURFACE_M)
+        scan_now = transform_points(between(pose, scan_pose), scan_m)
+        depth, slope = nearest[met], column_slopes[met]
+        new = self._unseen_by_scan(self._points(depth, slope), top[met], scan_now)
         if movers is not None:
-            theirs = movers.discs_at(image.t_ns, _MOVER_M)
-            new &= ~on_discs(transform_points(pose, points), theirs)
+            discs = movers.discs_at(image.t_ns, _MOVER_PADDING_M)
+            new &= ~on_discs(transform_points(pose, self._points(depth, slope)), discs)
             self._fade()
-        far, its_aside = far[new], its_aside[new]
-        behind = np.concatenate([self._points(far + d, its_aside) for d in _DEPTHS_M])
+        rays = self._free_rays(free, column_slopes, row_slopes[0])
+        return self._insert(depth[new], slope[new], rays, pose)
+
+    def has_driven(self, pose: FloatArray, course: float) -> bool:
+        """Tell whether the robot came this way, so that it may reverse along it without seeing.
+
+        Args:
+            pose: (3,) base_link in map.
+            course: direction in map in which it would drive from there, rad.
+
+        Returns:
+            Whether its own trail runs along the next half metre.
+        """
+        ahead = np.array(_BACKWARDS_M)[:, None] * np.array([math.cos(course), math.sin(course)])
+        apart = (pose[:2] + ahead)[:, None] - np.array(self._trail or [np.full(2, np.inf)])
+        return bool((np.hypot(*np.moveaxis(apart, -1, 0)).min(axis=1) < _ASIDE_M).all())
+
+    def _unseen_by_scan(
+        self, points: FloatArray, top_m: FloatArray, scan_m: FloatArray
+    ) -> NDArray[np.bool_]:
+        """(n,) which of points (n, 2), of things ``top_m`` (n,) high, the scan does not show."""
+        tolerance = np.where(top_m >= self._laser_m, _TALL_M, _SAME_M)
+        return ~on_scan_surfaces(points, scan_m, tolerance, _ONE_SURFACE_M)
+
+    def _free_rays(
+        self, free: FloatArray, column_slopes: FloatArray, top_slope: float
+    ) -> list[FloatArray]:
+        """Starts and ends (m, 2) in base_link of the stretches of ground that are seen free."""
         # Nearer than this, the image's edges cut off the robot's foot or its head.
-        whole_m = max(self._mount[2], self._config.height_m - self._mount[2]) / high[0]
-        until = np.minimum(free - _NOT_SO_FAR_M, self._config.clear_m)
+        whole_m = max(self._mount[2], self._config.height_m - self._mount[2]) / top_slope
+        until = np.minimum(free - _FREE_MARGIN_M, self._config.clear_m)
         clear = until > whole_m
-        ways = [self._points(d, aside[clear]) for d in (whole_m, until[clear])]
+        return [self._points(d, column_slopes[clear]) for d in (whole_m, until[clear])]
+
+    def _insert(
+        self, depth: FloatArray, slope: FloatArray, rays: list[FloatArray], pose: FloatArray
+    ) -> FloatArray:
+        """Enter obstacles at ``depth`` (n,) in columns of ``slope`` (n,); what became occupied."""
+        behind = np.concatenate([self._points(depth + d, slope) for d in _DEPTHS_M])
         fresh = [
-            _enter(self._seen, self._points(far - _NEARER_M, its_aside), ways, pose),
-            _enter(self._behind, behind, ways, pose),
+            _enter(self._seen, self._points(depth - _BIAS_M, slope), rays, pose),
+            _enter(self._behind, behind, rays, pose),
         ]
         self.seen_m = self._seen.surfaces()
         self.surfaces_m = np.concatenate((self.seen_m, self._behind.surfaces()))
         return np.concatenate(fresh)
 
-    def has_been_on(self, pose: FloatArray, course: float) -> bool:
-        """Whether the robot came by the way that leads from ``pose`` (3,) on a course, rad: one
-        that it may take backwards, unseeing."""
-        ahead = np.array(_BACKWARDS_M)[:, None] * np.array([math.cos(course), math.sin(course)])
-        apart = (pose[:2] + ahead)[:, None] - np.array(self._trail or [np.full(2, np.inf)])
-        return bool((np.hypot(*np.moveaxis(apart, -1, 0)).min(axis=1) < _ASIDE_M).all())
-
     def _fade(self) -> None:
-        """Trust a little less in all that is remembered: what moves leaves traces."""
+        """Trust all that is remembered a little less: moving things leave traces in it."""
         for grid in (self._seen, self._behind):
-            grid.fade(_FADES)
+            grid.fade(_FADE)
 
-    def _points(self, depth: FloatArray | float, aside: FloatArray) -> FloatArray:
-        """(n, 2) in base_link, at depths (n,) in columns that lead ``aside`` (n,) for one of it."""
+    def _points(self, depth: FloatArray | float, slope: FloatArray) -> FloatArray:
+        """(n, 2) in base_link, m, at depths (n,) in columns that lead ``slope`` (n,) left."""
         x, y, _ = self._mount
-        return np.stack(np.broadcast_arrays(x + depth, y + depth * aside), axis=1)
-
-
-def looking_ahead(config: Config) -> Config:
-    """The settings of a robot that sees some things only ahead: it turns to where it will go, and
-    then goes, so that nothing comes from the side under its tracks."""
-    tracker, smoother = config.tracker, config.smoother
-    turn = min(tracker.turn_on_spot_rad, _TURN_RAD)
-    lead_in = min(smoother.lead_in_max_turn_rad, _LEAD_IN_RAD)
-    return replace(
-        config,
-        tracker=replace(tracker, turn_on_spot_rad=turn),
-        smoother=replace(smoother, lead_in_max_turn_rad=lead_in),
-    )
+        return np.stack(np.broadcast_arrays(x + depth, y + depth * slope), axis=1)
 
 
 def _enter(
-    grid: GridMap, points: FloatArray, ways: list[FloatArray], pose: FloatArray
+    grid: GridMap, points: FloatArray, rays: list[FloatArray], pose: FloatArray
 ) -> FloatArray:
-    """Enter points (n, 2) in a grid, and what is free: ways from (m, 2) to (m, 2); what is new."""
-    starts, ends = ways
+    """Enter points (n, 2) and free rays, starts and ends (m, 2), in base_link; what is new."""
+    starts, ends = rays
     through = np.repeat([False, True], [len(points), len(ends)])
     fresh, _ = grid.insert(
         np.concatenate((points, ends)), np.concatenate((points, starts)), pose, through

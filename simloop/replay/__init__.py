@@ -1,1 +1,1 @@
-"""Recorded logs of real robots through the same matcher and mapper that the closed loop uses."""
+"""Replays recorded logs of real robots through the matcher and the mapper of ``graph_slam``."""

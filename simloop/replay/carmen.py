@@ -1,11 +1,12 @@
-"""CARMEN's text logs (.log, .clf): FLASER, ROBOTLASER1 and PARAM lines; all others are passed over.
+"""Reads CARMEN's text logs (.log, .clf): FLASER, ROBOTLASER1 and PARAM lines; it skips all others.
 
     FLASER n r_1 .. r_n  laser_x laser_y laser_yaw  odom_x odom_y odom_yaw  t host logger_t
     ROBOTLASER1 type start fov resolution max accuracy remission n r_1 .. r_n  m s_1 .. s_m
         laser_x laser_y laser_yaw  robot_x robot_y robot_yaw  (5 more)  t host logger_t
 
-Odometry is raw. The laser's place on the robot is where its pose stands from the robot's; in logs
-whose laser poses were corrected afterwards the two are unrelated, and the PARAM line counts.
+Odometry is raw. The laser's pose on the robot follows from the laser's and the robot's poses in a
+line. In some logs the laser's poses were corrected afterwards; then the two do not belong together,
+and the offset of the PARAM line is used.
 """
 
 from __future__ import annotations
@@ -20,25 +21,38 @@ import numpy as np
 from simloop.common.errors import InputError
 from simloop.geometry.se2 import between
 from simloop.messages import FloatArray
-from simloop.replay.laser_log import LaserLog, beam_angles, sound_log
+from simloop.replay.laser_log import LaserLog, beam_angles, clean_log
 
 _OFFSET_PARAMETERS = ("robot_front_laser_offset", "robot_frontlaser_offset")
-_STEADY = 0.01  # m, rad, by which a laser that is bolted on may seem to move: the log's rounding
-_MOST_OFFSET_M = 1.5
+_STEADY = 0.01  # m and rad, by which a fixed laser may seem to move: the log is rounded
+_MOST_OFFSET_M = 1.5  # a laser cannot be farther from the robot's centre
 _MOST_BEAMS = 100_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Scan:
+    """One laser line: poses are x, y, yaw; the clocks are the sensor's and the logger's, s."""
+
     ranges: list[float]
     laser: list[float]
     odom: list[float]
     clocks: tuple[float, float]
-    sweep: tuple[float, float] | None = None  # start angle and step, rad, where the line has them
+    sweep: tuple[float, float] | None = None  # start angle and step, rad, if the line has them
 
 
 def parse_carmen(lines: Iterable[str], name: str = "log") -> LaserLog:
-    """The log's front laser. Raises InputError, which names the log, if it holds no scan."""
+    """Read the front laser's scans from a log.
+
+    Args:
+        lines: the log's lines.
+        name: what errors call the log.
+
+    Returns:
+        The scans that could be used.
+
+    Raises:
+        InputError: if there is no scan.
+    """
     scans, skipped, offset, bad_line = [], 0, 0.0, 0
     for number, line in enumerate(lines, 1):
         words = line.split()
@@ -55,9 +69,11 @@ def parse_carmen(lines: Iterable[str], name: str = "log") -> LaserLog:
             bad_line = bad_line or number
     if not scans:
         if skipped:
-            raise InputError(f"{name}, line {bad_line}: a laser line that cannot be read, like all")
-        raise InputError(f"{name}: holds no FLASER or ROBOTLASER1 line; not a CARMEN log?")
-    # A log may be of two lasers, or have cut lines: the most usual number of beams is taken.
+            raise InputError(
+                f"{name}, line {bad_line}: no laser line of the log can be read; this is the first"
+            )
+        raise InputError(f"{name}: has no FLASER or ROBOTLASER1 line; is it a CARMEN log?")
+    # A log may hold two lasers, or cut lines. The most frequent number of beams is the laser's.
     beams = Counter(len(scan.ranges) for scan in scans).most_common(1)[0][0]
     chosen = [scan for scan in scans if len(scan.ranges) == beams]
     skipped += len(scans) - len(chosen)
@@ -69,12 +85,13 @@ def parse_carmen(lines: Iterable[str], name: str = "log") -> LaserLog:
     laser = _laser_offset(np.array([scan.laser for scan in chosen]), odom, offset)
     clocks = np.array([scan.clocks for scan in chosen])
     ranges = np.array([scan.ranges for scan in chosen])
-    return sound_log(
+    return clean_log(
         clocks[:, 0].copy(), ranges, angles, odom, laser, name, None, skipped, (clocks[:, 1],)
     )
 
 
 def _flaser(words: list[str]) -> _Scan:
+    """Read the words of a FLASER line; ValueError or IndexError if they are no such line."""
     count = int(words[1])
     if not 1 <= count <= _MOST_BEAMS:
         raise ValueError(words[1])
@@ -84,6 +101,7 @@ def _flaser(words: list[str]) -> _Scan:
 
 
 def _robotlaser(words: list[str]) -> _Scan:
+    """Read the words of a ROBOTLASER1 line; ValueError or IndexError if they are no such line."""
     start, _, step = (float(word) for word in words[2:5])
     count = int(words[8])
     if not (1 <= count <= _MOST_BEAMS and math.isfinite(start) and math.isfinite(step)):
@@ -97,7 +115,10 @@ def _robotlaser(words: list[str]) -> _Scan:
 
 
 def _tail(words: list[str], t_at: int) -> tuple[list[float], list[float], tuple[float, float]]:
-    """Laser and robot pose, and the two clocks; the second is the first where it is not there."""
+    """Read what follows the ranges: laser pose, robot pose and two clocks, the first at ``t_at``.
+
+    The second clock is the first one again if the line has no other.
+    """
     numbers = [float(word) for word in words[:6]]
     if len(numbers) < 6 or not all(map(math.isfinite, numbers)):
         raise ValueError("cut off")
@@ -109,7 +130,7 @@ def _tail(words: list[str], t_at: int) -> tuple[list[float], list[float], tuple[
 
 
 def _laser_offset(laser: FloatArray, odom: FloatArray, parameter_m: float) -> FloatArray:
-    """base_from_laser (3,), from the poses where they tell it and the log's parameter if not."""
+    """base_from_laser (3,): from the poses if it is constant in them, else from the parameter."""
     seen = np.array([between(o, p) for o, p in zip(odom, laser, strict=True)])
     middle = np.median(seen, axis=0)
     off = np.abs(seen - middle)

@@ -1,4 +1,4 @@
-"""A recorded log of a planar laser on a wheeled robot, whatever file it came from."""
+"""The log of a planar laser on a wheeled robot, independent of the file's format."""
 
 from __future__ import annotations
 
@@ -10,17 +10,23 @@ import numpy as np
 from simloop.common.errors import InputError
 from simloop.messages import FloatArray
 
-_RANGE_MIN_M = 0.1  # what is nearer is the robot's own, or dust
+_RANGE_MIN_M = 0.1  # nearer hits are the robot itself, or dust
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LaserLog:
-    """Scans in the order of their times, each with the wheels' own belief of the pose.
+    """Scans in the order of their times, each with the pose by wheel odometry.
 
-    t_s: (n,) rising; ranges_m: (n, beams), inf where nothing came back; angles_rad: (beams,) in the
-    laser frame; odom: (n, 3) odom_from_base; base_from_laser: (3,). relations: (m, 5) t1, t2, and
-    the pose (dx, dy, dyaw) at t2 in the frame of that at t1, or None. skipped: how many lines or
-    scans of the file could not be used. clocks_s: other clocks (n,) that the file keeps.
+    Attributes:
+        t_s: (n,) times, rising.
+        ranges_m: (n, beams), inf where nothing came back.
+        angles_rad: (beams,) directions of the beams in the laser's frame.
+        odom: (n, 3) odom_from_base, m, m, rad.
+        base_from_laser: (3,) the laser's pose in base_link.
+        relations: (m, 5) t1, t2, and the pose dx, dy, dyaw at t2 in the frame of the pose at t1;
+            None if the file has none.
+        skipped: how many lines or scans of the file could not be used.
+        clocks_s: further clocks (n,) that the file keeps.
     """
 
     t_s: FloatArray
@@ -34,15 +40,23 @@ class LaserLog:
 
 
 def beam_angles(beams: int, fov_rad: float = math.pi) -> FloatArray:
-    """(beams,) of a sweep symmetric about ahead: 181 or 361 beams reach both ends of the field.
+    """Give the beams' directions in a sweep that is symmetric about the laser's x axis.
 
-    An even number fills it in equal steps and stops one step short of its end, as CARMEN has it.
+    An odd number of beams, such as 181 or 361, reaches both ends of the field of view. An even
+    number stops one step short of its end, as in CARMEN.
+
+    Args:
+        beams: how many.
+        fov_rad: field of view.
+
+    Returns:
+        (beams,) angles in the laser's frame, rad, from right to left.
     """
     steps = beams - 1 if beams % 2 else beams
     return -0.5 * fov_rad + np.arange(beams) * fov_rad / max(1, steps)
 
 
-def sound_log(
+def clean_log(
     t_s: FloatArray,
     ranges_m: FloatArray,
     angles_rad: FloatArray,
@@ -53,9 +67,24 @@ def sound_log(
     skipped: int = 0,
     clocks_s: tuple[FloatArray, ...] = (),
 ) -> LaserLog:
-    """The log without scans whose numbers are no numbers or whose time does not advance.
+    """Make a log of the scans that have finite numbers and a later time than the scan before.
 
-    Raises InputError, which names the file, where nothing is left.
+    Args:
+        t_s: (n,) times.
+        ranges_m: (n, beams); not finite or not positive where nothing came back.
+        angles_rad: (beams,) in the laser's frame.
+        odom: (n, 3) odom_from_base.
+        base_from_laser: (3,).
+        name: what errors call the log.
+        relations: (m, 5) as in ``LaserLog``.
+        skipped: how many scans were left out before.
+        clocks_s: further clocks (n,).
+
+    Returns:
+        The log.
+
+    Raises:
+        InputError: if no scan is left.
     """
     finite = np.isfinite(t_s) & np.isfinite(odom).all(axis=1)
     keep, latest = np.zeros(len(t_s), np.bool_), -math.inf
@@ -63,7 +92,7 @@ def sound_log(
         if t_s[i] > latest:
             keep[i], latest = True, t_s[i]
     if not keep.any():
-        raise InputError(f"{name}: holds no scan with a time and an odometry pose")
+        raise InputError(f"{name}: has no scan with a finite time and odometry pose")
     ranges = ranges_m[keep]
     ranges = np.where(np.isfinite(ranges) & (ranges > 0.0), ranges, np.inf)
     return LaserLog(
@@ -79,14 +108,23 @@ def sound_log(
 
 
 def usable_range_m(log: LaserLog) -> float:
-    """The greatest range that means a surface: what stands for 'nothing came back' is above it.
+    """Find the greatest range that means a surface.
 
-    A laser says so with one number, its greatest (81.91 m, or 8.19, 31.9, 50 m by its settings),
-    which therefore comes again and again, and with nothing close below it.
+    A laser reports 'nothing came back' by its greatest number: 81.91 m, or 8.19, 31.9 or 50 m,
+    depending on its settings. That number therefore comes very often.
+
+    Args:
+        log: the log.
+
+    Returns:
+        The limit, m: larger ranges mean that nothing came back.
+
+    Raises:
+        InputError: if no range of the log is finite.
     """
     ranges = log.ranges_m[np.isfinite(log.ranges_m)]
     if ranges.size == 0:
-        raise InputError("the log's scans hold no range at all")
+        raise InputError("the log has no finite range in any scan")
     top = float(ranges.max())
     at_top = np.count_nonzero(ranges >= top - 1e-3 * max(1.0, top))
     repeated = at_top > max(3, 1e-5 * ranges.size)
@@ -94,12 +132,15 @@ def usable_range_m(log: LaserLog) -> float:
 
 
 class ScanReader:
-    """A log's scans as points: each beam that met something, in base_link.
-
-    range_max_m: beyond it a hit is taken for none, however far the laser sees.
-    """
+    """Turns a log's scans into points: one for each beam that hit something."""
 
     def __init__(self, log: LaserLog, range_max_m: float) -> None:
+        """Prepare to read a log.
+
+        Args:
+            log: the log.
+            range_max_m: longer ranges are ignored, even if the laser measures farther.
+        """
         self._ranges = log.ranges_m
         self._most = min(usable_range_m(log), range_max_m)
         heading = log.angles_rad + log.base_from_laser[2]
@@ -107,8 +148,15 @@ class ScanReader:
         self._origin = log.base_from_laser[:2]
 
     def points(self, scan: int) -> tuple[FloatArray, FloatArray]:
-        """Hits and the beams' origins, both (n, 2) m."""
+        """Give the points of one scan.
+
+        Args:
+            scan: its index in the log.
+
+        Returns:
+            Hits (n, 2) and the beams' origins (n, 2), in base_link, m.
+        """
         ranges = self._ranges[scan]
-        heard = (ranges >= _RANGE_MIN_M) & (ranges <= self._most)
-        points = self._origin + ranges[heard, None] * self._direction[heard]
+        valid = (ranges >= _RANGE_MIN_M) & (ranges <= self._most)
+        points = self._origin + ranges[valid, None] * self._direction[valid]
         return points, np.tile(self._origin, (len(points), 1))

@@ -1,19 +1,17 @@
-"""A replay as a recording for rerun's viewer: map, scans, and the way by mapper and by wheels."""
+"""Records a replay for rerun's viewer: map, scans, and the paths by mapper and by odometry."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from simloop.messages import FloatArray
 from simloop.recording.columns import lifted
 from simloop.recording.images import occupancy
-
-if TYPE_CHECKING:
-    from simloop.replay.result import Replay
+from simloop.replay.result import Replay
 
 _TIMELINE = "log_time"
 _BASE = "map/base_link"
@@ -21,10 +19,19 @@ _COLOURS = {"mapper": [30, 106, 201], "odometry": [200, 170, 60], "closures": [1
 
 
 def record(path: Path, replay: Replay) -> None:
-    """Write the whole replay. Raises OSError where the file cannot be opened."""
+    """Write a recording of the whole replay.
+
+    Args:
+        path: the file, ``.rrd``.
+        replay: what to record.
+
+    Raises:
+        OSError: if the file cannot be written.
+    """
     import rerun as rr
 
-    with open(path, "ab"):  # before the library is asked, whose refusal is no OSError
+    # Opened here first, because the library's own error is no OSError and names no reason.
+    with open(path, "ab"):
         pass
     stream = rr.RecordingStream("simloop_replay")
     stream.set_log_time_enabled(False)
@@ -38,8 +45,8 @@ def record(path: Path, replay: Replay) -> None:
     known = np.isfinite(replay.trajectory[:, 0])
     poses, log = replay.trajectory[known], replay.log
     times = log.t_s[: len(known)][known]
-    _log_way(stream, "mapper", poses[:, :2])
-    _log_way(stream, "odometry", log.odom[: len(known), :2])
+    _log_path(stream, "mapper", poses[:, :2])
+    _log_path(stream, "odometry", log.odom[: len(known), :2])
     if replay.closures:
         _log_strips(stream, "map/closures", replay.closures, "closures", 0.01)
     if len(poses):
@@ -49,7 +56,7 @@ def record(path: Path, replay: Replay) -> None:
     stream.disconnect()
 
 
-def _log_way(stream: Any, name: str, xy: FloatArray) -> None:
+def _log_path(stream: Any, name: str, xy: FloatArray) -> None:
     _log_strips(stream, f"map/trails/{name}", [xy], name, 0.02)
 
 

@@ -1,8 +1,8 @@
 """Relative relations as ground truth (Kuemmerle et al. 2009, "On measuring the accuracy of SLAM").
 
-A relation says where the robot stood at t2 as seen from where it stood at t1. An error is the
-motion from the true place to the estimated one, in the frame of the true one; its translation's
-length and its rotation's size are averaged over all relations.
+A relation is the true pose at time t2 in the frame of the pose at t1. Its error is the motion from
+the true pose to the estimated one, in the frame of the true one. The lengths of the errors'
+translations, and the sizes of their rotations, are averaged over all relations.
 """
 
 from __future__ import annotations
@@ -20,12 +20,20 @@ from simloop.messages import FloatArray
 from simloop.replay.laser_log import LaserLog
 
 MOST_GAP_S = 1.0
-"""Poses are interpolated between scans that lie no further apart: no one knows what was between."""
+"""Poses are interpolated only between scans that are no farther apart in time."""
 
 
 @dataclass(frozen=True, slots=True)
 class RelationErrors:
-    """Means over ``count`` relations; ``left_out``: those in a gap of the log or outside it."""
+    """How far a trajectory is from the relations.
+
+    Attributes:
+        translation_mean_m: mean length of the errors' translations.
+        translation_std_m: their standard deviation.
+        rotation_mean_deg: mean size of the errors' rotations, degrees.
+        count: how many relations were used.
+        left_out: how many lie in a gap of the log, or outside its time.
+    """
 
     translation_mean_m: float
     translation_std_m: float
@@ -34,12 +42,26 @@ class RelationErrors:
     left_out: int
 
     def figures(self) -> dict[str, float | int]:
-        """As they stand in the JSON."""
+        """Give the values by name, for the JSON.
+
+        Returns:
+            Name to value.
+        """
         return {name: getattr(self, name) for name in self.__slots__}
 
 
 def read_relations(path: Path) -> FloatArray:
-    """(m, 5) t1, t2, dx, dy, dyaw of lines 't1 t2 x y z roll pitch yaw' or 't1 t2 dx dy dyaw'."""
+    """Read a file of relations.
+
+    Args:
+        path: a text file with lines 't1 t2 x y z roll pitch yaw' or 't1 t2 dx dy dyaw', s, m, rad.
+
+    Returns:
+        (m, 5) t1, t2, dx, dy, dyaw.
+
+    Raises:
+        InputError: if the file cannot be read, or a line of it.
+    """
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
@@ -56,30 +78,45 @@ def read_relations(path: Path) -> FloatArray:
             row = []
         if len(row) not in (5, 8) or not all(map(math.isfinite, row)):
             raise InputError(
-                f"--relations {path}, line {number}: wants t1 t2 x y z roll pitch yaw, "
-                "or t1 t2 dx dy dyaw"
+                f"--relations {path}, line {number}: must be t1 t2 x y z roll pitch yaw, "
+                "or t1 t2 dx dy dyaw, all numbers"
             )
         rows.append([*row[:4], row[-1]])
     if not rows:
-        raise InputError(f"--relations {path}: holds no relation")
+        raise InputError(f"--relations {path}: has no relation")
     return np.array(rows)
 
 
-def on_the_relations_clock(log: LaserLog, relations: FloatArray) -> FloatArray:
-    """(n,) the scans' times on that of the log's clocks in which most of the relations lie."""
+def times_on_relations_clock(log: LaserLog, relations: FloatArray) -> FloatArray:
+    """Choose the clock of the log by which the relations were recorded.
 
-    def held(clock: FloatArray) -> int:
+    Args:
+        log: a log with one or more clocks.
+        relations: (m, 5) as ``read_relations`` gives them.
+
+    Returns:
+        (n,) the scans' times on the clock within whose span most of the relations lie, s.
+    """
+
+    def count_within(clock: FloatArray) -> int:
         times = relations[:, :2]
         return int(np.count_nonzero((times >= clock.min()) & (times <= clock.max())))
 
     rising = [clock for clock in (log.t_s, *log.clocks_s) if np.all(np.diff(clock) > 0.0)]
-    return max(rising, key=held)
+    return max(rising, key=count_within)
 
 
-def poses_at(t_s: FloatArray, poses: FloatArray, when_s: FloatArray) -> FloatArray:
-    """(m, 3) poses at ``when_s`` (m,) between those (n, 3) at ``t_s`` (n,); NaN in gaps, outside.
+def interpolate_poses(t_s: FloatArray, poses: FloatArray, when_s: FloatArray) -> FloatArray:
+    """Interpolate a trajectory: linearly in x and y, the short way round in yaw.
 
-    Straight in x and y, the short way in yaw; exactly at a scan it is that scan's, gap or not.
+    Args:
+        t_s: (n,) times of the poses, rising.
+        poses: (n, 3) poses.
+        when_s: (m,) times to interpolate at.
+
+    Returns:
+        (m, 3) poses; NaN in a gap longer than ``MOST_GAP_S`` and outside the trajectory. Exactly
+        at the time of a pose it is that pose, gap or not.
     """
     after = np.clip(np.searchsorted(t_s, when_s, side="left"), 0, len(t_s) - 1)
     exact = t_s[after] == when_s
@@ -98,15 +135,28 @@ def poses_at(t_s: FloatArray, poses: FloatArray, when_s: FloatArray) -> FloatArr
 
 
 def relation_errors(t_s: FloatArray, poses: FloatArray, relations: FloatArray) -> RelationErrors:
-    """The errors of a trajectory, poses (n, 3) of base_link at ``t_s`` (n,)."""
-    first, second = (poses_at(t_s, poses, relations[:, k]) for k in (0, 1))
+    """Measure a trajectory by relations.
+
+    Args:
+        t_s: (n,) times, rising, on the relations' clock.
+        poses: (n, 3) base_link at these times, in any fixed frame.
+        relations: (m, 5) as ``read_relations`` gives them.
+
+    Returns:
+        The errors.
+
+    Raises:
+        InputError: if no relation lies within the trajectory.
+    """
+    first, second = (interpolate_poses(t_s, poses, relations[:, k]) for k in (0, 1))
     cos, sin = np.cos(first[:, 2]), np.sin(first[:, 2])
     dx, dy = (second - first)[:, :2].T
+    # The estimated translation in the frame of the first pose, less the true one.
     off = np.hypot(cos * dx + sin * dy - relations[:, 2], cos * dy - sin * dx - relations[:, 3])
     known = np.isfinite(off)
     count = int(np.count_nonzero(known))
     if count == 0:
-        raise InputError("no relation lies within the log's times: another log's, or its clock's?")
+        raise InputError("no relation lies within the log's times; are they of another log?")
     turned = wrap_angles(second[known, 2] - first[known, 2] - relations[known, 4])
     return RelationErrors(
         float(off[known].mean()),
@@ -117,6 +167,13 @@ def relation_errors(t_s: FloatArray, poses: FloatArray, relations: FloatArray) -
     )
 
 
-def rows_to_text(relations: Sequence[Sequence[float]]) -> str:
-    """Relations as lines that ``read_relations`` takes."""
+def format_relations(relations: Sequence[Sequence[float]]) -> str:
+    """Write relations as lines that ``read_relations`` reads.
+
+    Args:
+        relations: rows of 5 or 8 numbers.
+
+    Returns:
+        The lines.
+    """
     return "".join(" ".join(f"{number:.9g}" for number in row) + "\n" for row in relations)

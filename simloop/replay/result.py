@@ -1,4 +1,4 @@
-"""What a replay found."""
+"""The result of a replay."""
 
 from __future__ import annotations
 
@@ -13,10 +13,16 @@ from simloop.replay.laser_log import LaserLog
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Replay:
-    """A log's scans, as far as they were replayed.
+    """What came out of a log, as far as it was replayed.
 
-    trajectory: (n, 3) base_link in map, NaN where lost. keyframes: the scans whose hits (k, 2) are
-    in keyframe_points. closures: (2, 2) ends of each.
+    Attributes:
+        log: the log.
+        trajectory: (n, 3) base_link in map at each scan that was replayed; NaN where lost.
+        keyframes: indices of the scans that became keyframes.
+        keyframe_points: hits (k, 2) of each keyframe, in its base_link, m.
+        closures: for each loop closure the positions (2, 2) of its two keyframes in map, m.
+        map: the map, made or given.
+        figures: what is reported, as in the JSON.
     """
 
     log: LaserLog

@@ -23,8 +23,6 @@ from simloop.control.separation import (
 from simloop.messages import GoalReading, Mode, MoverTracks, Velocity, WorldView
 from simloop.navigation.moving_goal import Pursuit
 from simloop.navigation.planner_world import foresee, meeting_time, put_discs
-from simloop.perception.changes import ChangeDetector
-from simloop.perception.mover_tracks import MoverWatch, cluster, things_in
 
 LIMITS = np.array([0.15, 1.0, 6.0, 0.245, 0.2325, 0.06, 0.1])
 HALF = LIMITS[3:5]
@@ -34,22 +32,6 @@ speeds = st.floats(-0.45, 0.45)
 rates = st.floats(-1.6, 1.6)
 
 
-def room_scan(centre, discs=(), rays=360, half=4.0):
-    """(n, 2) in map, what a laser at ``centre`` meets of a square room and of discs (x, y, r)."""
-    angle = -math.pi + 2.0 * math.pi * np.arange(1, rays + 1) / rays
-    way = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    with np.errstate(divide="ignore"):
-        sides = np.stack([(half - centre) / way, (-half - centre) / way])
-    far = np.where(sides > 0.0, sides, np.inf).min(axis=(0, 2))
-    for x, y, r in discs:
-        off = np.array([x, y]) - centre
-        along = way @ off
-        inside = r * r - (off @ off - along**2)
-        hit = (inside > 0.0) & (along > 0.0)
-        far = np.where(hit, np.minimum(far, along - np.sqrt(np.maximum(inside, 0.0))), far)
-    return centre + far[:, None] * way
-
-
 def tracks_of(*rows, t_ns=0):
     """Tracks from rows of x, y, vx, vy, radius."""
     table = np.array(rows, float)
@@ -57,68 +39,6 @@ def tracks_of(*rows, t_ns=0):
         t_ns, np.arange(len(rows)), table[:, :2].copy(), table[:, 2:4].copy(),
         table[:, 4].copy(), np.zeros(len(rows)), np.hypot(*table[:, 2:4].T),
     )  # fmt: skip
-
-
-@given(st.floats(-math.pi, math.pi), st.floats(0.0, 0.05))
-def test_what_stands_has_not_changed_wherever_it_is_seen_from(course, step):
-    still = [(1.0, 1.0, 0.2), (-1.5, 0.5, 0.1), (0.5, -2.0, 0.3)]
-    detector, centre = ChangeDetector(), np.zeros(2)
-    for _ in range(30):
-        centre = centre + step * np.array([math.cos(course), math.sin(course)])
-        assume(all(math.dist(centre, d[:2]) > d[2] + 0.3 for d in still))
-        assert not detector.look(room_scan(centre, still), centre).any()
-
-
-@pytest.mark.parametrize("speed", [0.15, 0.5])
-def test_what_crosses_the_room_has_changed_and_its_track_has_its_velocity(speed):
-    watch, pose, laser = MoverWatch(), np.zeros(3), np.zeros(3)
-    for k in range(40):
-        x = -1.5 + speed * 0.1 * k
-        points = room_scan(np.zeros(2), [(x, 1.5, 0.2), (-1.0, -1.0, 0.2)])
-        theirs = watch.look(points, laser, pose, k * SCAN_NS)
-    assert theirs is not None
-    assert np.hypot(*(points[theirs] - [x, 1.5]).T).max() < 0.35
-    tracks = watch.tracks
-    assert tracks is not None
-    assert len(tracks.number) == 1
-    assert tracks.velocity_mps[0] == pytest.approx([speed, 0.0], abs=0.08)
-    assert tracks.position_m[0] == pytest.approx([x, 1.5], abs=0.1)
-    discs = watch.discs_at(40 * SCAN_NS)
-    assert discs is not None
-    assert discs[0, :2] == pytest.approx(tracks.position_m[0] + 0.1 * tracks.velocity_mps[0])
-    watch.forget()
-    assert watch.tracks is None
-
-
-def test_what_has_come_to_rest_is_the_maps_again():
-    watch, pose, laser = MoverWatch(), np.zeros(3), np.zeros(3)
-    known = []
-    for k in range(100):
-        x = min(-1.5 + 0.04 * k, 0.0)
-        theirs = watch.look(room_scan(np.zeros(2), [(x, 1.5, 0.2)]), laser, pose, k * SCAN_NS)
-        known.append(theirs is not None)
-    assert all(known[10:40])
-    assert not any(known[90:])
-
-
-def test_two_that_touch_stay_two():
-    watch, pose, laser = MoverWatch(), np.zeros(3), np.zeros(3)
-    for k in range(36):
-        x = 1.0 - 0.045 * k
-        # They pass each other with a hair between them.
-        points = room_scan(np.zeros(2), [(-x, 1.2, 0.2), (x, 1.63, 0.2)])
-        watch.look(points, laser, pose, k * SCAN_NS)
-        if k == 12:
-            assert len(watch.tracks.number) == 2
-    assert watch.tracks.radius_m.max() < 0.3
-
-
-def test_clusters_end_where_neighbours_lie_apart():
-    points = np.array([[1.0, 0.0], [1.0, 0.05], [1.0, 0.5], [1.0, 0.55], [2.0, 3.0]])
-    assert cluster(points, np.zeros(2)).tolist() == [0, 0, 1, 1, 2]
-    things = things_in(points, np.zeros(2), np.array([True, True, False, False, False]))
-    assert [t.moved for t in things] == [2, 0, 0]
-    assert things[0].centre == pytest.approx([1.0, 0.025], abs=1e-5)
 
 
 @given(coordinate, coordinate, speeds, speeds, st.floats(0.1, 0.6))
@@ -262,20 +182,6 @@ def test_beside_what_has_just_stopped_it_stands_a_while_but_not_for_ever():
     moving.choose(Velocity(0.3, 0.0), STILL, situation(t_ns=10**10))
     now = situation(t_ns=10**10, movers=replace(lively, t_ns=10**10))
     assert moving.choose(Velocity(0.3, 0.0), Velocity(0.3, 0.0), now)[0].speed_mps > 0.0
-
-
-def test_what_stops_keeps_its_pace_for_a_while():
-    watch, paces = MoverWatch(), []
-    for k in range(80):
-        x = 1.0 + 0.04 * min(k, 30)
-        points = room_scan(np.zeros(2), [(x, 0.5, 0.2)])
-        watch.look(points, np.zeros(2), np.zeros(3), k * SCAN_NS)
-        if watch.tracks is not None:
-            paces.append((k, float(watch.tracks.pace_mps.max())))
-    told = dict(paces)
-    assert told[30] == pytest.approx(0.4, abs=0.08)
-    assert told[34] > 0.2
-    assert told[45] < 0.12
 
 
 def test_a_goal_is_met_where_it_will_be():

@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simloop.geometry.se2 import between, compose, wrap_angle
-from simloop.graph_slam.map_localiser import Localiser, relocalise
+from simloop.graph_slam.map_localiser import MapLocaliser, relocalise
 from simloop.graph_slam.mapper import GraphMapper
-from simloop.graph_slam.pose_graph import Edge, PoseGraph, turned
+from simloop.graph_slam.pose_graph import Edge, PoseGraph, rotated_covariance
 from simloop.graph_slam.settings import MappingConfig
 from simloop.graph_slam.submap import meetings
 
@@ -157,9 +157,9 @@ def ring_graph(rng, n=40, wrong=False):
 def test_closures_bring_the_drift_home_and_a_wrong_one_is_outvoted(wrong):
     graph, true = ring_graph(np.random.default_rng(2), wrong=wrong)
     before = rms(np.array(graph.poses), true)
-    assert graph.has_news
+    assert graph.has_new_closures
     graph.optimise()
-    assert not graph.has_news
+    assert not graph.has_new_closures
     assert rms(np.array(graph.poses), true) < 0.6 * before
     np.testing.assert_allclose(graph.poses[0], true[0], atol=1e-6)
 
@@ -203,7 +203,9 @@ def test_uncertainty_along_a_chain_is_the_sum_of_its_edges(seed):
 
 def test_a_covariance_is_turned_with_its_axes():
     long = np.diag([4.0, 1.0, 0.1])
-    np.testing.assert_allclose(turned(long, 0.5 * math.pi), np.diag([1.0, 4.0, 0.1]), atol=1e-12)
+    np.testing.assert_allclose(
+        rotated_covariance(long, 0.5 * math.pi), np.diag([1.0, 4.0, 0.1]), atol=1e-12
+    )
 
 
 # ---- in a known map
@@ -214,7 +216,7 @@ def test_the_robot_finds_itself_in_the_whole_map(once_round, at):
     mapper, poses = once_round
     grid, rng = mapper.map(), np.random.default_rng(at)
     odom = wheels(poses[at : at + 30], rng)
-    localiser, found = Localiser(grid, CONFIG), []
+    localiser, found = MapLocaliser(grid, CONFIG), []
     for pose, belief in zip(poses[at : at + 30], odom, strict=True):
         if localiser.step(RING.hits(pose, rng, angles=AHEAD), belief):
             found.append(math.dist(localiser.pose[:2], pose[:2]))
@@ -242,7 +244,7 @@ def test_it_says_that_it_is_lost_where_nothing_fits_and_finds_itself_again(once_
     """Carried off: what it sees is another part of the ring than where it believes to be."""
     mapper, poses = once_round
     grid, rng = mapper.map(), np.random.default_rng(4)
-    localiser = Localiser(grid, CONFIG, poses[20])
+    localiser = MapLocaliser(grid, CONFIG, poses[20])
     for pose in poses[20:30]:
         assert localiser.step(RING.hits(pose, rng, angles=AHEAD), pose)
     lost = False

@@ -35,8 +35,8 @@ def estimate_of(truth, t_ns=None) -> Estimate:
     return Estimate(truth.t_ns if t_ns is None else t_ns, state, np.eye(7) * 1e-6)
 
 
-def tracker_to(goal, tolerance=0.10):
-    return Tracker(CONFIG, DRIVE, VEHICLE, 0.26, np.array(goal, float), tolerance)
+def tracker_to(goal, tolerance=0.10, has_camera=False):
+    return Tracker(CONFIG, DRIVE, VEHICLE, 0.26, np.array(goal, float), tolerance, has_camera)
 
 
 def at_pose(x, y, yaw, t_s=0.0):

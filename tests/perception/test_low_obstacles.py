@@ -7,18 +7,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.paths import smooth
+from helpers.tracking import K, allowed, at_pose, monitor_of, tracker_to
 from helpers.truths import truth_at
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from simloop.config import CameraConfig, Config, LowObstaclesConfig, RatesConfig, SlamConfig
-from simloop.control.collision_monitor import CollisionMonitor
 from simloop.control.watchdog import BLIND
+from simloop.geometry.se2 import between, transform_points
 from simloop.loop import Simulation
 from simloop.mapping.grid_map import GridMap
-from simloop.messages import DepthImage, Event, LowObstacles, MoverTracks
-from simloop.perception.low_obstacles import LowObstacleMap, in_the_way, looking_ahead, seen_too
+from simloop.messages import DepthImage, Event, LowObstacles, Mode, MoverTracks
+from simloop.perception.low_obstacles import (
+    LowObstacleMap,
+    find_obstacles,
+    on_scan_surfaces,
+)
 from simloop.physics.plant import Plant
 from simloop.scenario.load import load
 from simloop.sensors import DepthCamera
@@ -77,13 +83,15 @@ def block(x, bottom=0.0, top=0.1, depth=0.2, y=(-0.3, 0.3)):
 
 
 def low_map(config=None) -> LowObstacleMap:
-    return LowObstacleMap(config or LowObstaclesConfig(), SlamConfig(), MOUNT)
+    return LowObstacleMap(config or LowObstaclesConfig(), SlamConfig(), MOUNT, 0.2)
 
 
-def seen(world, looks=3, scan=NO_SCAN, pose=ORIGIN, into=None, movers=None) -> LowObstacleMap:
-    into = into or low_map()
+def seen(
+    world, looks=3, scan=NO_SCAN, pose=ORIGIN, into=None, movers=None, scan_pose=None
+) -> LowObstacleMap:
+    into, scan_pose = into or low_map(), pose if scan_pose is None else scan_pose
     for k in range(looks):
-        into.look(image_of(world, pose=pose, seed=k), np.array(pose), scan, movers)
+        into.update(image_of(world, pose=pose, seed=k), np.array(pose), scan, scan_pose, movers)
     return into
 
 
@@ -151,7 +159,7 @@ def test_the_vehicle_in_its_arena_sees_what_hangs_there():
 # --- what of an image is in the way
 
 
-def plain_in_the_way(depth, high, camera_m, limits):
+def plain_obstacles(depth, high, camera_m, limits):
     """The oracle: the same rules, pixel by pixel, without a thought for speed."""
     step, slope, height, reach = limits
     found = []
@@ -192,21 +200,21 @@ def test_the_kernel_is_its_plain_twin(seed, things, ramp):
     config = replace(CLEAN, noise_1pm=0.002, dropout=0.05)
     image = image_of(Shapes(*boxes, ramp=ramp), config, seed=seed)
     depth = image.depth_m.astype(float)
-    found = in_the_way(image.depth_m, ROWS, MOUNT[2], LIMITS)
-    assert found == pytest.approx(plain_in_the_way(depth, ROWS, MOUNT[2], LIMITS))
+    found = find_obstacles(image.depth_m, ROWS, MOUNT[2], LIMITS)
+    assert found == pytest.approx(plain_obstacles(depth, ROWS, MOUNT[2], LIMITS))
 
 
 @given(st.floats(0.0, 0.35), seeds)
-def test_ground_and_ramps_are_not_in_the_way(ramp, seed):
+def test_ground_and_ramps_are_no_obstacles(ramp, seed):
     config = replace(CLEAN, noise_1pm=0.002, dropout=0.05)
     image = image_of(Shapes(ramp=ramp), config, seed=seed)
-    assert np.isinf(in_the_way(image.depth_m, ROWS, MOUNT[2], LIMITS)[:, 0]).all()
+    assert np.isinf(find_obstacles(image.depth_m, ROWS, MOUNT[2], LIMITS)[:, 0]).all()
 
 
 @given(st.floats(0.4, 0.95), st.floats(0.05, 0.5))
 def test_whatever_stands_is_found_at_its_face(far, tall):
     image = image_of(Shapes(block(MOUNT[0] + far, top=tall, y=(-9, 9))))
-    nearest, free, top = in_the_way(image.depth_m, ROWS, MOUNT[2], LIMITS).T
+    nearest, free, top = find_obstacles(image.depth_m, ROWS, MOUNT[2], LIMITS).T
     assert nearest == pytest.approx(far, abs=1e-3)
     assert (free <= far + 1e-3).all()
     assert (top <= tall + 1e-3).all()
@@ -216,20 +224,20 @@ def test_whatever_stands_is_found_at_its_face(far, tall):
 def test_whatever_hangs_too_low_is_found_at_its_face(far, bottom):
     hung = block(MOUNT[0] + far, bottom, 1.5, y=(-9, 9))
     image = image_of(Shapes(hung))
-    nearest, free, _ = in_the_way(image.depth_m, ROWS, MOUNT[2], LIMITS).T
+    nearest, free, _ = find_obstacles(image.depth_m, ROWS, MOUNT[2], LIMITS).T
     assert nearest == pytest.approx(far, abs=1e-3)
     assert (free <= far + 1e-3).all()
 
 
 @given(st.floats(0.5, 1.5), st.floats(0.3, 0.8))
-def test_what_hangs_high_enough_is_not_in_the_way(far, bottom):
+def test_what_hangs_high_enough_is_no_obstacle(far, bottom):
     image = image_of(Shapes(block(MOUNT[0] + far, bottom, 1.5, y=(-9, 9))))
-    assert np.isinf(in_the_way(image.depth_m, ROWS, MOUNT[2], LIMITS)[:, 0]).all()
+    assert np.isinf(find_obstacles(image.depth_m, ROWS, MOUNT[2], LIMITS)[:, 0]).all()
 
 
-def test_what_can_be_climbed_is_not_in_the_way():
+def test_what_can_be_climbed_is_no_obstacle():
     image = image_of(Shapes(block(0.8, top=0.02, y=(-9, 9))))
-    assert np.isinf(in_the_way(image.depth_m, ROWS, MOUNT[2], LIMITS)[:, 0]).all()
+    assert np.isinf(find_obstacles(image.depth_m, ROWS, MOUNT[2], LIMITS)[:, 0]).all()
 
 
 @given(seeds, st.integers(1, 30))
@@ -239,7 +247,7 @@ def test_points_of_a_scan_are_known_again(seed, count):
     scan = rng.uniform(0.5, 3.0, count)[:, None] * np.stack([np.cos(bearing), np.sin(bearing)], 1)
     points = np.concatenate((rng.uniform(-3, 3, (10, 2)), scan + 0.01))
     same = rng.uniform(0.02, 0.3, len(points))
-    told = seen_too(points, scan, same, 0.3)
+    told = on_scan_surfaces(points, scan, same, 0.3)
     for point, reach, said in zip(points, same, told, strict=True):
         apart = np.inf
         for a, b in zip(np.roll(scan, 1, axis=0), scan, strict=True):
@@ -289,6 +297,17 @@ def test_a_wall_that_the_scan_shows_is_left_to_it_and_a_kerb_before_it_is_not():
     assert kerb[:, 0].min() == pytest.approx(1.4, abs=0.03)
 
 
+def test_a_scan_of_a_moment_ago_is_moved_with_the_robot():
+    """An image between two scans must know a wall that the last scan showed from elsewhere."""
+    before, now = np.array([-0.05, 0.02, -0.15]), np.array([0.0, 0.0, 0.1])
+    y = np.linspace(-2, 2, 80)
+    wall_in_map = np.stack([np.full(80, 1.5), y], axis=1)
+    wall = transform_points(between(before, ORIGIN), wall_in_map)
+    tall = Shapes(block(1.5, top=1.0, y=(-3, 3)))
+    assert len(seen(tall, scan=wall, pose=now, scan_pose=before).surfaces_m) == 0
+    assert len(seen(tall, scan=wall, pose=now, scan_pose=now).surfaces_m) > 0
+
+
 def test_what_moves_is_left_out_and_makes_what_is_remembered_fade():
     here = MoverTracks(
         0, np.arange(1), np.array([[1.1, 0.0]]), np.zeros((1, 2)), np.array([0.3]),
@@ -306,14 +325,14 @@ def test_what_moves_is_left_out_and_makes_what_is_remembered_fade():
 
 def test_it_knows_the_way_that_it_came():
     into = low_map()
-    assert not into.has_been_on(ORIGIN, 0.0)
+    assert not into.has_driven(ORIGIN, 0.0)
     for x in np.arange(0.0, 2.0, 0.03):
         seen(Shapes(), 1, pose=np.array([x, 0.0, 0.0]), into=into)
     there = np.array([2.0, 0.05, 0.0])
-    assert into.has_been_on(there, math.pi)
-    assert not into.has_been_on(there, 0.0)
-    assert not into.has_been_on(there, 0.5 * math.pi)
-    assert not into.has_been_on(np.array([0.3, 0.0, 0.0]), math.pi)
+    assert into.has_driven(there, math.pi)
+    assert not into.has_driven(there, 0.0)
+    assert not into.has_driven(there, 0.5 * math.pi)
+    assert not into.has_driven(np.array([0.3, 0.0, 0.0]), math.pi)
 
 
 def test_what_is_only_guessed_is_told_apart():
@@ -352,22 +371,25 @@ def test_a_joined_map_has_the_distances_of_both(seed, count):
 
 
 def test_the_monitor_stops_before_what_no_scan_shows():
-    monitor = CollisionMonitor(Config().tracker, Config().vehicle)
+    monitor = monitor_of()
     scan = np.array([[3.0, 0.0]])
     monitor.observe(scan, ORIGIN)
-    assert monitor.allow(0.4, 0.0, ORIGIN) == (0.4, 0.0)
+    assert allowed(monitor, 0.4, 0.0, ORIGIN) == (0.4, 0.0)
     monitor.observe(scan, ORIGIN, np.array([[0.265, 0.1]]))
-    assert monitor.allow(0.4, 0.0, ORIGIN)[0] < 0.1
+    assert allowed(monitor, 0.4, 0.0, ORIGIN)[0] < 0.1
     monitor.observe(scan, np.array([5.0, 0.0, 0.0]), np.array([[0.265, 0.1]]))
-    assert monitor.allow(0.4, 0.0, np.array([5.0, 0.0, 0.0])) == (0.4, 0.0)
+    assert allowed(monitor, 0.4, 0.0, np.array([5.0, 0.0, 0.0])) == (0.4, 0.0)
 
 
-def test_a_robot_that_sees_only_ahead_turns_before_it_goes():
-    config = looking_ahead(Config())
-    half = 0.5 * CLEAN.fov_rad[0]
-    assert config.tracker.turn_on_spot_rad < half
-    assert config.smoother.lead_in_max_turn_rad < half
-    assert replace(config, tracker=Config().tracker, smoother=Config().smoother) == Config()
+def test_a_robot_with_a_camera_turns_before_it_goes():
+    """At a heading error that a robot without one takes on a curve; the settings say so."""
+    half, config = 0.5 * CLEAN.fov_rad[0], Config()
+    assert config.tracker.turn_on_spot_with_camera_rad < half
+    assert config.smoother.lead_in_max_turn_with_camera_rad < half
+    for has_camera, mode in ((False, Mode.FOLLOW), (True, Mode.TURN)):
+        tracker = tracker_to((9.0, 9.0), has_camera=has_camera)
+        tracker.follow(smooth([(0, 0), (3.0, 0.0)], (0, 0, 0)), K)
+        assert tracker.velocity(at_pose(0.5, 0.0, 0.6))[1] is mode
 
 
 @pytest.mark.parametrize(("bottom", "stands"), [(0.0, True), (0.15, True), (0.3, False)])
@@ -402,6 +424,30 @@ def test_without_the_camera_it_collides_and_with_it_arrives():
     assert max(len(m.surfaces_m) for m in heard if isinstance(m, LowObstacles)) > 20
     again = Simulation(load("low", seed=0)).run()
     assert again.metrics["state_hash"] == run.metrics["state_hash"]
+
+
+def walls_round(x0, y0, x1, y1):
+    """The setting for four walls, 0.35 m high, round a rectangle."""
+    x, y, wide, deep = 0.5 * (x0 + x1), 0.5 * (y0 + y1), x1 - x0, y1 - y0
+    walls = [(x, y0, wide, 0.1), (x, y1, wide, 0.1), (x0, y, 0.1, deep), (x1, y, 0.1, deep)]
+    text = ",".join(
+        f'{{shape="box",position_m=[{px},{py}],size_m=[{length},{width}]}}'
+        for px, py, length, width in walls
+    )
+    return f"obstacles=[{text}]"
+
+
+@pytest.mark.parametrize("period_s", [0.1, 0.05])
+def test_walls_that_the_lidar_sees_are_no_low_obstacles(period_s):
+    """Every second image of 0.05 s comes without a scan; the last one still tells of the walls."""
+    heard = []
+    camera = ["camera.enabled=true", f"camera.period_s={period_s}"]
+    room = [walls_round(-1.0, -1.5, 2.6, 1.5), "goal=[1.8,0.6]", *camera]
+    run = Simulation(load("open", room, seed=0), listeners=[heard.append]).run()
+    assert run.outcome == "reached"
+    told = [m for m in heard if isinstance(m, LowObstacles)]
+    assert len(told) > 30
+    assert max(len(m.surfaces_m) for m in told) == 0
 
 
 def test_without_images_it_stops_and_goes_on_when_they_come_again():

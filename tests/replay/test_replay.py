@@ -20,7 +20,12 @@ from simloop.mapping.map_files import load_map
 from simloop.replay.carmen import parse_carmen
 from simloop.replay.laser_log import ScanReader, beam_angles, usable_range_m
 from simloop.replay.read_log import read_log
-from simloop.replay.relations import poses_at, read_relations, relation_errors, rows_to_text
+from simloop.replay.relations import (
+    format_relations,
+    interpolate_poses,
+    read_relations,
+    relation_errors,
+)
 
 seeds = st.integers(0, 2**32 - 1)
 ROOM = Room(*box(-3, -2.5, 4, 3), *box(1.0, 1.2, 1.6, 2.0), *box(-2.0, -1.8, -1.5, -1.2))
@@ -153,7 +158,7 @@ def test_errors_are_those_of_the_motion_between_true_and_found(seed):
 def test_poses_are_interpolated_across_short_gaps_only():
     t = np.array([0.0, 0.5, 3.0])
     poses = np.array([[0.0, 0, 3.1], [1.0, 0, -3.1], [9.0, 0, 0]])
-    found = poses_at(t, poses, np.array([0.25, 0.5, 1.5, 3.0, -0.1, 3.1]))
+    found = interpolate_poses(t, poses, np.array([0.25, 0.5, 1.5, 3.0, -0.1, 3.1]))
     np.testing.assert_allclose(found[0], [0.5, 0.0, math.pi], atol=1e-9)
     np.testing.assert_allclose(found[[1, 3]], poses[[1, 2]], atol=1e-9)
     assert np.isnan(found[[2, 4, 5]]).all()
@@ -162,7 +167,7 @@ def test_poses_are_interpolated_across_short_gaps_only():
 def test_relations_come_back_from_their_file(tmp_path):
     rows = relations_of(made_up_log(20)[1], np.random.default_rng(1), 10)
     path = tmp_path / "r.relations"
-    path.write_text("# t1 t2 ...\n" + rows_to_text(rows))
+    path.write_text("# t1 t2 ...\n" + format_relations(rows))
     np.testing.assert_allclose(read_relations(path), rows, atol=1e-8)
     path.write_text("1 2 3\n")
     with pytest.raises(InputError, match="line 1"):
@@ -183,7 +188,7 @@ def replayed(tmp_path_factory):
     lines, truth = made_up_log()
     (folder / "log.clf").write_text("\n".join(lines))
     rows = relations_of(truth, np.random.default_rng(2))
-    (folder / "r.relations").write_text(rows_to_text(rows))
+    (folder / "r.relations").write_text(format_relations(rows))
     done = replay(
         folder / "log.clf", "--relations", folder / "r.relations", "--out", folder / "out",
         "--json", "-",

@@ -1,0 +1,132 @@
+"""Writes the results of a replay: map, trajectory, recording and the table of figures."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from simloop.common.errors import InputError
+from simloop.common.files import check_directory, check_file, write_text
+from simloop.common.terminal import print_table
+from simloop.mapping.map_files import save_map
+from simloop.messages import FloatArray
+from simloop.replay.recording import record
+from simloop.replay.result import Replay
+
+STDOUT = Path("-")
+"""Stands for the standard output."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayFiles:
+    """Where a replay's results are written.
+
+    Attributes:
+        directory: for map, trajectory and recording; None if they are not wanted.
+        figures: for the figures as JSON; ``STDOUT`` for the standard output; None if not wanted.
+    """
+
+    directory: Path | None
+    figures: Path | None
+
+    def check(self, *read: Path | None) -> None:
+        """Check before the replay that everything can be written.
+
+        Args:
+            read: the files that are read; None is ignored.
+
+        Raises:
+            InputError: if a file cannot be written, or would overwrite one that is read.
+        """
+        sources = {path.resolve() for path in read if path is not None}
+        if self.directory is not None:
+            check_directory(self.directory, "--out")
+            for file in (self.map_file, self.map_file.with_suffix(".pgm"), self.trajectory):
+                if file.resolve() in sources:
+                    raise InputError(f"--out {self.directory}: would overwrite {file}")
+        if self.figures is not None and self.figures != STDOUT:
+            check_file(self.figures, "--json")
+            if self.figures.resolve() in sources:
+                raise InputError(f"--json {self.figures}: would overwrite a file that is read")
+
+    @property
+    def map_file(self) -> Path:
+        """The map's YAML file; its picture lies beside it."""
+        return self._in("map.yaml")
+
+    @property
+    def trajectory(self) -> Path:
+        """The trajectory in TUM's format."""
+        return self._in("trajectory.tum")
+
+    @property
+    def recording(self) -> Path:
+        """The recording for rerun's viewer."""
+        return self._in("replay.rrd")
+
+    def _in(self, name: str) -> Path:
+        assert self.directory is not None
+        return self.directory / name
+
+
+def to_tum(t_s: FloatArray, poses: FloatArray) -> str:
+    """Format a trajectory as the TUM tools and evo read it.
+
+    Args:
+        t_s: (n,) times.
+        poses: (n, 3) x, y, yaw.
+
+    Returns:
+        Lines 't x y z qx qy qz qw'.
+    """
+    return "".join(
+        f"{t:.6f} {x:.6f} {y:.6f} 0 0 0 {math.sin(0.5 * yaw):.9f} {math.cos(0.5 * yaw):.9f}\n"
+        for t, (x, y, yaw) in zip(t_s, poses, strict=True)
+    )
+
+
+def write(replay: Replay, files: ReplayFiles) -> None:
+    """Write map, trajectory and recording, if they are wanted.
+
+    Args:
+        replay: the result.
+        files: where to.
+
+    Raises:
+        InputError: if the directory cannot be made.
+        OSError: if a file cannot be written.
+    """
+    if files.directory is None:
+        return
+    try:
+        files.directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--out {files.directory}: cannot be created: {error.strerror}") from None
+    save_map(replay.map, files.map_file)
+    known = np.isfinite(replay.trajectory[:, 0])
+    times = replay.log.t_s[: len(replay.trajectory)]
+    write_text(files.trajectory, to_tum(times[known], replay.trajectory[known]))
+    record(files.recording, replay)
+
+
+def print_figures(console: Console, figures: dict[str, Any]) -> None:
+    """Print the figures as a table.
+
+    Args:
+        console: where to.
+        figures: as in ``Replay.figures``.
+    """
+    rows = []
+    for key, value in figures.items():
+        if key in ("versions", "stages"):
+            continue
+        parts = value.items() if isinstance(value, dict) else [("", value)]
+        for name, part in parts:
+            text = f"{part:.4g}" if isinstance(part, float) else str(part)
+            rows.append([f"{key}.{name}".rstrip("."), text])
+    print_table(console, "replay", ["figure", "value"], rows)
