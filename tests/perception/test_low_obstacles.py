@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from simloop.config import CameraConfig, Config, LowObstaclesConfig, RatesConfig, SlamConfig
-from simloop.control.watchdog import BLIND
+from simloop.control.watchdog import Stale
 from simloop.geometry.se2 import between, transform_points
 from simloop.loop import Simulation
 from simloop.mapping.grid_map import GridMap
@@ -459,7 +459,7 @@ def test_without_images_it_stops_and_goes_on_when_they_come_again():
     assert max(v for t, v in speeds if 4.2e9 < t < 6.0e9) < 0.01
     assert max(v for t, v in speeds if t < 3.0e9) > 0.3
     said = [m.text for m in heard if isinstance(m, Event) and m.text.startswith("watchdog")]
-    assert said == [f"watchdog: {BLIND}, stopping", "watchdog: all is fresh again, going on"]
+    assert said == [f"watchdog: {Stale.BLIND}, stopping", "watchdog: all is fresh again, going on"]
 
 
 @pytest.mark.slow
