@@ -133,7 +133,7 @@ def _recorded(scenario: Scenario, world: World) -> float:
     """Wall time of the loop with a recording to a file, its closing included."""
     with tempfile.TemporaryDirectory() as directory:
         recorder = recorder_for(Path(directory) / "bench.rrd", scenario, world)
-        simulation = Simulation(scenario, recorder=recorder, world=world)
+        simulation = Simulation(scenario, [recorder.offer], world=world)
         gc.collect()
         began = perf_counter()
         result = simulation.run()

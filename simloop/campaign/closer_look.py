@@ -41,7 +41,7 @@ def record(runs: Sequence[Done], folder: Path) -> Iterator[Path]:
             world = build_world(scenario)
             recorder = recorder_for(partial, scenario, world)
             try:
-                Simulation(scenario, recorder, world=world).run()
+                Simulation(scenario, [recorder.offer], world=world).run()
             finally:
                 recorder.close()
             partial.replace(file)

@@ -139,6 +139,7 @@ def run_scenario(
 ) -> int:
     """Run a scenario: exit code 0 if the goal is reached, 1 if the robot fails."""
     from simloop.cli.outputs import choose
+    from simloop.evaluation.referee import Outcome
     from simloop.scenario.load import load, resolve
 
     wanted = load(scenario, overrides or (), seed=seed, planner=planner)
@@ -160,7 +161,7 @@ def run_scenario(
             watch.finish()
         finally:
             _print_result(console, result.metrics, outputs)
-    if result.outcome == "interrupted":
+    if result.outcome is Outcome.INTERRUPTED:
         sys.exit(INTERRUPTED)  # said in the table, unlike what is cut off before or after
     return 0 if result.reached else 1
 
@@ -210,11 +211,12 @@ class _Watch:
             listeners.append(self._plans.offer)
         if outputs.recording is not None:
             self._recorder = recorder_for(outputs.recording, scenario, world)
+            listeners.append(self._recorder.offer)
         outputs.write_config(scenario, versions())
         if outputs.snapshots is not None:
             self._pictures = snapshots_for(outputs.snapshots, scenario, world)
             listeners.append(self._pictures.offer)
-        self.simulation = Simulation(scenario, self._recorder, listeners, world=world)
+        self.simulation = Simulation(scenario, listeners, world=world)
 
     def plans(self) -> dict[str, Any]:
         """The record of each replan for the result, and for the recording before it is closed."""
