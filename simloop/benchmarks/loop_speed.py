@@ -22,7 +22,7 @@ from simloop.evaluation.provenance import machine, versions
 from simloop.loop import Simulation, warm_up
 from simloop.messages import FloatArray, TrackCommand
 from simloop.physics.plant import Plant
-from simloop.recording.listeners import recorder_for
+from simloop.recording.watch import recorder_for
 from simloop.scenario.build import World, build_world
 from simloop.scenario.scenario import Scenario
 from simloop.sensors import Lidar

@@ -1,4 +1,4 @@
-"""How a recording opens: the scene large, figures beside it, events below."""
+"""Arranges a recording in the viewer: the scene large, figures beside it, events below."""
 
 from __future__ import annotations
 
@@ -11,9 +11,15 @@ if TYPE_CHECKING:
 
 
 def make_blueprint(bounds_m: FloatArray, timeline: str, camera: str | None = None) -> rrb.Blueprint:
-    """The arrangement for an arena with bounds (4,) x_min, y_min, x_max, y_max, m.
+    """Arrange the views.
 
-    camera: the entity of a depth camera, if there is one.
+    Args:
+        bounds_m: (4,) x_min, y_min, x_max, y_max of the arena in map, m.
+        timeline: The name of the timeline.
+        camera: The entity of the depth camera, if there is one.
+
+    Returns:
+        The blueprint.
     """
     import rerun.blueprint as rrb
 
@@ -25,6 +31,7 @@ def make_blueprint(bounds_m: FloatArray, timeline: str, camera: str | None = Non
         background=[250, 250, 250],
         line_grid=rrb.LineGrid3D(visible=False),
         eye_controls=rrb.EyeControls3D(
+            # From the south and above, so that the whole arena is in view and y points up.
             position=[centre[0], centre[1] - 1.05 * span, 1.15 * span],
             look_target=[centre[0], centre[1] - 0.05 * span, 0.0],
             eye_up=[0.0, 0.0, 1.0],

@@ -6,55 +6,27 @@ import os
 import subprocess
 import sys
 import textwrap
-from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.synthetic_run import GOAL, OFF, SyntheticRun
+from helpers.recordings import column, read, scalars
+from helpers.synthetic_run import OFF, SyntheticRun, scene_of_model
 
 from simloop.geometry.se2 import compose, compose_all
 from simloop.messages import DepthImage, LowObstacles, MapUpdate, Plan, WorldView
 from simloop.recording.columns import ellipses, nees, occupancy_percent
-from simloop.recording.recorder import TIMELINE, NullRecorder, RerunRecorder
-from simloop.recording.scene_shapes import scene_bodies, scene_shapes
+from simloop.recording.recorder import RerunRecorder
+from simloop.recording.scene_shapes import scene_shapes
 from simloop.truth import Truth
-from simloop.worlds.arena import bounds_of, build
+from simloop.worlds.arena import build
 
 MODEL = build("experiment")
 SECONDS = 5.0
 
 
 def recorder_to(path: Path) -> RerunRecorder:
-    return RerunRecorder(
-        path, scene_shapes(MODEL), scene_bodies(MODEL), bounds_of(MODEL), GOAL, title="made up"
-    )
-
-
-def read(path: Path) -> dict[str, list]:
-    """The chunks of a recording by entity, as tables."""
-    from rerun.chunk import RrdReader
-
-    found: dict[str, list] = defaultdict(list)
-    for chunk in RrdReader(str(path)).stream():
-        found[chunk.entity_path].append(chunk.to_record_batch())
-    return found
-
-
-def column(tables: list, component: str) -> tuple[np.ndarray, list]:
-    """Times in ns and values of one component, in order, static rows left out."""
-    times, values = [], []
-    for table in tables:
-        if TIMELINE in table.schema.names and component in table.schema.names:
-            times += table.column(TIMELINE).cast("int64").to_pylist()
-            values += table.column(component).to_pylist()
-    order = np.argsort(times, kind="stable")
-    return np.array(times)[order], [values[i] for i in order]
-
-
-def scalars(tables: list) -> tuple[np.ndarray, np.ndarray]:
-    times, values = column(tables, "Scalars:scalars")
-    return times, np.array(values)
+    return RerunRecorder(path, scene_of_model(MODEL, title="made up"))
 
 
 @pytest.fixture(scope="module")
@@ -146,7 +118,7 @@ def test_the_truth_is_where_it_is(found: dict[str, list], run: SyntheticRun) -> 
 def test_scans_lie_in_the_lasers_frame(found: dict[str, list], run: SyntheticRun) -> None:
     times, rows = column(found["/map/odom/base_link/laser/scan"], "Points3D:positions")
     assert len(times) == run.counts["LidarScan"] == 51
-    scan = run._scan(0, run.pose(0))
+    scan = run.scan(0)
     first = np.array(rows[0])
     assert len(first) == np.isfinite(scan.ranges_m).sum()
     assert np.hypot(*first[:, :2].T) == pytest.approx(scan.ranges_m, rel=1e-5)
@@ -219,13 +191,14 @@ def test_a_full_disk_is_told_in_one_line_and_what_fitted_is_readable(
     child = textwrap.dedent(
         f"""
         import resource, sys
-        from pathlib import Path
         sys.path.insert(0, {str(Path(__file__).parents[1])!r})
-        sys.path.insert(0, {str(Path(__file__).parent)!r})
-        from test_recorder import MODEL, SyntheticRun, recorder_to
-        recorder = recorder_to(Path({str(path)!r}))
+        from helpers.synthetic_run import SyntheticRun, scene_of_model
+        from simloop.recording.recorder import RerunRecorder
+        from simloop.worlds.arena import build
+        model = build("experiment")
+        recorder = RerunRecorder({str(path)!r}, scene_of_model(model))
         resource.setrlimit(resource.RLIMIT_FSIZE, ({most_bytes}, {most_bytes}))
-        for message in SyntheticRun(MODEL, 5.0).messages():
+        for message in SyntheticRun(model, 5.0).messages():
             recorder.offer(message)
         recorder.close()
         print("the run went on")
@@ -263,9 +236,7 @@ def test_messages_without_discs_or_candidates_are_recorded(tmp_path: Path) -> No
 
 def test_a_cameras_images_and_what_is_remembered_of_them_are_there(tmp_path: Path) -> None:
     path, mount = tmp_path / "seen.rrd", np.array([0.2, 0.0, 0.16])
-    recorder = RerunRecorder(
-        path, scene_shapes(MODEL), scene_bodies(MODEL), bounds_of(MODEL), GOAL, camera_m=mount
-    )
+    recorder = RerunRecorder(path, scene_of_model(MODEL, camera_m=mount))
     depth = np.linspace(0.2, 3.0, 12, dtype=np.float32).reshape(3, 4)
     depth[0, 0] = np.inf
     for k in range(2):
@@ -289,12 +260,6 @@ def test_the_library_is_not_loaded_before_it_is_asked_for() -> None:
     code = "import simloop.recording.recorder, sys; print('rerun' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.stdout == "False\n"
-
-
-def test_the_null_recorder_keeps_nothing(run: SyntheticRun) -> None:
-    recorder = NullRecorder()
-    recorder.offer(next(iter(run.messages())))
-    recorder.close()
 
 
 def test_poses_compose_as_one_by_one() -> None:

@@ -25,7 +25,7 @@ from simloop.recording.belief_picture import (
     PlannerView,
 )
 from simloop.recording.belief_picture import GOAL as GOAL_INK
-from simloop.recording.offscreen import _NoOpenGL, _open_gl
+from simloop.recording.offscreen import NoOpenGLError, open_gl_context
 from simloop.recording.snapshots import Snapshots
 from simloop.worlds.arena import build
 
@@ -40,8 +40,8 @@ def model() -> mujoco.MjModel:
 @pytest.fixture(scope="module")
 def has_gl() -> bool:
     try:
-        _open_gl(64, 64).free()
-    except _NoOpenGL:
+        open_gl_context(64, 64).free()
+    except NoOpenGLError:
         return False
     return True
 
@@ -124,9 +124,7 @@ def test_nothing_offered_nothing_written(model: mujoco.MjModel, tmp_path: Path) 
 def test_moments_are_evenly_spread_and_know_what_was_known_then(
     model: mujoco.MjModel, tmp_path: Path
 ) -> None:
-    snapshots = offered(model, tmp_path, 12.0)
-    snapshots._moments.append(snapshots._moment())
-    chosen = snapshots._chosen()
+    chosen = offered(model, tmp_path, 12.0).chosen_moments()
     times = np.array([m.truth.t_ns for m in chosen]) * 1e-9
     assert len(times) == 8
     assert times[0] < 0.02
