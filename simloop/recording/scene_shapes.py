@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simloop.messages import FloatArray
-from simloop.physics.vehicle_geoms import is_free
+from simloop.physics.vehicle_geoms import is_free, road_wheels
 from simloop.recording.shapes import Body, Scene, Shape, ShapeKind
 from simloop.scenario.build import World
 from simloop.scenario.scenario import Scenario
@@ -42,7 +42,7 @@ def scene_of(scenario: Scenario, world: World) -> Scene:
         np.array(scenario.start),
         np.array(scenario.goal),
         model.site("lidar").pos,
-        6,
+        len(road_wheels(model)) // 2,
         model.site("camera").pos if scenario.config.camera.enabled else None,
         scenario.config.vehicle,
         title_of(scenario),

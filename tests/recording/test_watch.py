@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+import mujoco
+import numpy as np
 import pytest
-from helpers.recordings import read, scalars
+from helpers.recordings import line_names, read, scalars
 
+from simloop.common.data_files import models_dir
 from simloop.loop import Simulation
 from simloop.messages import Plan
+from simloop.physics.plant import Plant
 from simloop.recording.outputs import Outputs
+from simloop.recording.scene_shapes import scene_of
 from simloop.recording.watch import watch
 from simloop.scenario.build import build_world
 from simloop.scenario.load import load
@@ -69,3 +75,34 @@ def test_a_recording_that_cannot_be_opened_is_refused(tmp_path: Path) -> None:
     outputs = Outputs(recording=tmp_path / "no-such" / "run.rrd")
     with pytest.raises(OSError, match="no-such"), watch(SHORT, build_world(SHORT), outputs):
         raise AssertionError("the body must not run")
+
+
+def vehicle_with_road_wheels(count: int) -> mujoco.MjModel:
+    """The vehicle on a plane with fewer road wheels on each side."""
+    spec = mujoco.MjSpec.from_file(str(models_dir() / "tracked_ugv.xml"))
+    for side in ("left", "right"):
+        number = count
+        while (geom := spec.geom(f"road_{side}_{number}")) is not None:
+            spec.delete(geom)
+            number += 1
+    spec.worldbody.add_geom(
+        name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[50, 50, 0.1], contype=2
+    )
+    return spec.compile()
+
+
+@pytest.mark.parametrize("wheels", [4, 6])
+def test_each_road_wheel_of_the_model_has_a_named_line(tmp_path: Path, wheels: int) -> None:
+    scenario = load("open")
+    world = replace(build_world(scenario), model=vehicle_with_road_wheels(wheels))
+    assert scene_of(scenario, world).road_wheels == wheels
+    plant = Plant(world.model, scenario.config)
+    plant.reset(np.zeros(3))
+    with watch(scenario, world, Outputs(recording=tmp_path / "run.rrd")) as watched:
+        for listener in watched.listeners:
+            listener(plant.track_truth())
+    tables = read(tmp_path / "run.rrd")["/plots/tracks/wheel_load"]
+    expected = [f"{side} {i}" for side in ("left", "right") for i in range(wheels)]
+    assert line_names(tables) == expected
+    _, loads = scalars(tables)
+    assert loads.shape == (1, 2 * wheels)
