@@ -42,11 +42,25 @@ def make_blueprint(bounds_m: FloatArray, timeline: str, camera: str | None = Non
         sight = rrb.Spatial2DView(origin=f"/{camera}", name="What the depth camera sees")
         events = rrb.Horizontal(sight, events)
 
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(scene, events, row_shares=[4, 1]), _figures(), column_shares=[2, 1]
+        ),
+        rrb.TimePanel(timeline=timeline),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+    )
+
+
+def _figures() -> rrb.Vertical:
+    """The plots, in tabs of things that are read together."""
+    import rerun.blueprint as rrb
+
     def plot(name: str, *origins: str) -> Any:
         contents = [f"/plots/{origin}/**" for origin in origins]
         return rrb.TimeSeriesView(origin="/plots", contents=contents, name=name)
 
-    figures = rrb.Vertical(
+    return rrb.Vertical(
         plot("Speed, m/s", "speed"),
         rrb.Tabs(
             plot("Tracks, m/s", "track"),
@@ -67,12 +81,4 @@ def make_blueprint(bounds_m: FloatArray, timeline: str, camera: str | None = Non
             plot("Plan's cost", "plan_cost"),
             plot("Plan's effort", "plan_effort"),
         ),
-    )
-    return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Vertical(scene, events, row_shares=[4, 1]), figures, column_shares=[2, 1]
-        ),
-        rrb.TimePanel(timeline=timeline),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
     )
