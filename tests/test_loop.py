@@ -69,7 +69,7 @@ def test_the_robot_crosses_the_papers_room(taped):
     assert abs(tape.of(Truth)[-1].velocity_body[0]) < 0.01
 
 
-def test_every_stage_speaks_at_its_own_rate(taped):
+def test_each_stage_has_its_own_rate(taped):
     result, tape = taped
     seconds = result.metrics["sim_time_s"]
     assert len(tape.of(TrackCommand)) == round(seconds * 100)
@@ -80,7 +80,7 @@ def test_every_stage_speaks_at_its_own_rate(taped):
     assert len(tape.of(SmoothPath)) == len(tape.of(Plan))
 
 
-def test_the_world_is_discovered_and_replanned(taped):
+def test_the_robot_discovers_the_room_and_replans(taped):
     _, tape = taped
     plans = tape.of(Plan)
     assert len(plans) >= 5
@@ -89,7 +89,7 @@ def test_the_world_is_discovered_and_replanned(taped):
     assert lengths != {2}
 
 
-def test_the_same_seed_gives_the_same_bits_recorded_or_not(taped):
+def test_the_same_seed_gives_the_same_bits_with_and_without_listeners(taped):
     tape = Tape()
     again = run(seed=3, listeners=[tape.offer])
     assert again.metrics["state_hash"] == taped[0].metrics["state_hash"]
@@ -246,8 +246,8 @@ def nees_by_instant(name, seeds):
     return np.array([values[:shortest] for values in runs])
 
 
-def test_the_robot_knows_how_well_it_knows_its_pose():
-    """A handful of seeds against gross errors; the slow test below holds the band itself."""
+def test_the_filter_is_consistent():
+    """A few seeds against gross errors; the slow test below checks the exact band."""
     nees = nees_by_instant("experiment", range(1000, 1006))
     assert 1.2 < nees.mean() < 5.0
 
@@ -255,7 +255,7 @@ def test_the_robot_knows_how_well_it_knows_its_pose():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["experiment", "clutter", "corridor", "trap"])
 def test_nees_over_fifty_seeds(name):
-    """Never overconfident as a whole; cautious by less than the band's lower half again."""
+    """The filter is not overconfident, and at most a quarter below the 95 % band."""
     nees = nees_by_instant(name, range(1000, 1050))
     low, high = chi2.ppf([0.025, 0.975], 3 * len(nees)) / len(nees)
     assert 0.75 * low < nees.mean() < high

@@ -1,4 +1,4 @@
-"""The figures of a run, each against a case whose answer is known beforehand."""
+"""The figures of a run, each checked on a case with a known answer."""
 
 from __future__ import annotations
 
@@ -67,11 +67,11 @@ def test_a_straight_run_to_the_goal(floor):
     assert result["path_length_m"] == pytest.approx(4.95)
     assert result["shortest_path_m"] == pytest.approx(4.9)  # to the tolerance's circle
     assert result["spl"] == pytest.approx(4.9 / 4.95)
-    assert result["min_clearance_m"] is None  # there is nothing to be near to
+    assert result["min_clearance_m"] is None  # there is no obstacle
     assert (result["plan_ms_p50"], result["plan_ms_p99"]) == (2.0, pytest.approx(2.98))
 
 
-def test_a_detour_costs_spl_and_failure_costs_all_of_it(floor):
+def test_a_detour_lowers_spl_and_a_failure_makes_it_zero(floor):
     there_and_back = [*straight(0.5), *reversed(straight(0.5)), *straight(1.0)]
     renumbered = [truth(i, *at.pose_xyyaw[:2]) for i, at in enumerate(there_and_back)]
     result = metrics_of(floor, renumbered)
@@ -123,20 +123,20 @@ def test_a_yaw_that_wraps_is_no_error(floor):
     assert result["yaw_rmse_rad"] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_counts_and_sums(floor):
+def test_plans_and_energy_are_counted(floor):
     result = metrics_of(floor, [plan(100), plan(50), plan(7), truth(5, 0, 0, energy=12.5)])
     assert result["replans"] == 2 and result["plan_evaluations"] == 157
     assert result["energy_j"] == 12.5 and result["contact_count"] == 0
 
 
-def test_a_run_that_never_began_still_has_figures(floor):
+def test_a_run_without_messages_has_figures(floor):
     result = metrics_of(floor, [], plan_ms=[], outcome=Outcome.INTERRUPTED)
     assert result["path_length_m"] == 0.0 and result["replans"] == 0
     assert result["plan_ms_p50"] is None and result["ate_rmse_m"] is None
     json.dumps(result, allow_nan=False)
 
 
-def test_every_promised_figure_is_there(floor):
+def test_all_documented_figures_are_there(floor):
     promised = """outcome sim_time_s wall_time_s real_time_factor path_length_m shortest_path_m spl
         min_clearance_m contact_count ate_rmse_m yaw_rmse_rad nees_mean replans plan_ms_p50
         plan_ms_p99 plan_evaluations energy_j state_hash seed scenario planner versions"""
@@ -148,7 +148,7 @@ def test_every_promised_figure_is_there(floor):
     json.dumps(result, allow_nan=False)
 
 
-def test_listening_costs_little(floor):
+def test_listening_is_cheap(floor):
     metrics = RunMetrics(load("open"), floor)
     messages = [m for i in range(2000) for m in (truth(i, 0, 0), estimate(i, 0, 0, 0))]
     costs = []
@@ -186,8 +186,8 @@ def test_gap_between_outline_and_obstacle(section, pose, gap):
     "section",
     [
         square(0.25, 0.0, 0.2),  # a corner of each inside the other's
-        square(0.0, 0.0, 0.1),  # wholly inside the robot's outline
-        square(0.0, 0.0, 2.0),  # all round the robot
+        square(0.0, 0.0, 0.1),  # inside the robot's outline
+        square(0.0, 0.0, 2.0),  # around the robot
         Section("wall", np.array([[0.1, -1], [0.12, -1], [0.12, 1], [0.1, 1]])),  # across it
         Section("disc", np.array([[0.0, 0.0]]), 0.05),
     ],
