@@ -1,4 +1,4 @@
-"""The paper's experiment, recorded: the same as ``simloop run experiment --out runs/demo``."""
+"""Runs and records the paper's experiment, as ``simloop run experiment --out runs/demo``."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Many seeds of one scenario, summed up: how often reached, how fast, how near, how exact.
+"""Runs many seeds of one scenario and sums up success, time, clearance and accuracy.
 
     python scripts/run_seeds.py experiment --seeds 0:50 --workers 2 --json seeds.json
 
-Exit code 0 if every run reached its goal without a contact, else 1.
+Exit code 0 if every run reached its goal without a contact, 1 if not, 2 for a wrong input.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from simloop.common.errors import InputError
+from simloop.evaluation.referee import Outcome
 from simloop.loop import Simulation
 from simloop.scenario.load import load
 
@@ -26,7 +27,15 @@ _BOUNDS = {"sim_time_s": "s", "path_ratio": "x shortest", "ate_rmse_m": "m", "ya
 
 
 def run_one(job: tuple[str, list[str], int]) -> dict[str, Any]:
-    """The figures of one seed, with the two that people ask for in other units."""
+    """Run one seed.
+
+    Args:
+        job: Scenario, overrides and seed.
+
+    Returns:
+        The figures of the run, with ``path_ratio`` and ``yaw_deg`` added. For a seed that cannot
+        be run, ``outcome`` is the error.
+    """
     name, overrides, seed = job
     try:
         figures = Simulation(load(name, overrides, seed=seed)).run().metrics
@@ -39,8 +48,15 @@ def run_one(job: tuple[str, list[str], int]) -> dict[str, Any]:
 
 
 def summarise(runs: list[dict[str, Any]]) -> str:
-    """Counts of outcomes, then mean, least and greatest of the figures of the runs that arrived."""
-    reached = [run for run in runs if run["outcome"] == "reached"]
+    """Sum up many runs as text.
+
+    Args:
+        runs: The figures of each run.
+
+    Returns:
+        Counts and failed seeds, then mean, least and greatest figures of the runs that arrived.
+    """
+    reached = [run for run in runs if run["outcome"] == Outcome.REACHED]
     contacts = sum(run["contact_count"] for run in runs)
     lines = [f"{len(reached)}/{len(runs)} reached, {contacts} contacts"]
     lines += [f"  seed {run['seed']}: {run['outcome']}" for run in runs if run not in reached]
@@ -57,9 +73,14 @@ def summarise(runs: list[dict[str, Any]]) -> str:
 
 
 def main() -> int:
+    """Run the command.
+
+    Returns:
+        The exit code.
+    """
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scenario")
-    parser.add_argument("--seeds", default="0:50", help="A:B, from A to before B")
+    parser.add_argument("--seeds", default="0:50", help="A:B, from A to B - 1")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--set", action="append", default=[], dest="overrides")
     parser.add_argument("--json", type=Path)
@@ -80,7 +101,7 @@ def main() -> int:
     print(summarise(runs))
     if options.json:
         options.json.write_text(json.dumps(runs, indent=1) + "\n", encoding="utf-8")
-    good = all(run["outcome"] == "reached" and not run["contact_count"] for run in runs)
+    good = all(run["outcome"] == Outcome.REACHED and not run["contact_count"] for run in runs)
     return 0 if good and runs else 1
 
 

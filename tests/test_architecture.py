@@ -34,7 +34,7 @@ ROBOT = (
     "estimation",
     "graph_slam",
 )
-TRUTH = ("truth", "physics", "worlds", "scenario", "evaluation", "sensors", "loop")
+TRUTH = ("truth", "physics", "worlds", "scenario", "evaluation", "simulation", "sensors", "loop")
 MUJOCO = ("physics", "worlds", "scenario", "certify", "recording")
 RERUN = ("recording", "replay")
 # Wall time is measured here and reported; no decision reads it.

@@ -22,7 +22,7 @@ from simloop.evaluation.provenance import machine, versions
 from simloop.loop import Simulation, warm_up
 from simloop.messages import FloatArray, TrackCommand
 from simloop.physics.plant import Plant
-from simloop.recording.listeners import recorder_for
+from simloop.recording.watch import recorder_for
 from simloop.scenario.build import World, build_world
 from simloop.scenario.scenario import Scenario
 from simloop.sensors import Lidar
@@ -133,7 +133,7 @@ def _recorded(scenario: Scenario, world: World) -> float:
     """Wall time of the loop with a recording to a file, its closing included."""
     with tempfile.TemporaryDirectory() as directory:
         recorder = recorder_for(Path(directory) / "bench.rrd", scenario, world)
-        simulation = Simulation(scenario, recorder=recorder, world=world)
+        simulation = Simulation(scenario, [recorder.offer], world=world)
         gc.collect()
         began = perf_counter()
         result = simulation.run()

@@ -30,7 +30,8 @@ def worst(runs: Sequence[Done], most: int) -> list[Done]:
 def record(runs: Sequence[Done], folder: Path) -> Iterator[Path]:
     """A recording of each into ``folder``; what is there already is left as it is."""
     from simloop.loop import Simulation
-    from simloop.recording.listeners import recorder_for
+    from simloop.recording.outputs import Outputs
+    from simloop.recording.watch import watch
     from simloop.scenario.build import build_world
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -39,11 +40,8 @@ def record(runs: Sequence[Done], folder: Path) -> Iterator[Path]:
         if not file.exists():
             scenario, partial = spec.load(), file.with_suffix(".partial")
             world = build_world(scenario)
-            recorder = recorder_for(partial, scenario, world)
-            try:
-                Simulation(scenario, recorder, world=world).run()
-            finally:
-                recorder.close()
+            with watch(scenario, world, Outputs(recording=partial)) as watched:
+                Simulation(scenario, watched.listeners, world=world).run()
             partial.replace(file)
         yield file
 
@@ -51,15 +49,15 @@ def record(runs: Sequence[Done], folder: Path) -> Iterator[Path]:
 def picture(spec: RunSpec, folder: Path) -> Path | None:
     """The sheet of eight moments of a run; None where none can be drawn."""
     from simloop.loop import Simulation
-    from simloop.recording.listeners import snapshots_for
+    from simloop.recording.outputs import Outputs
+    from simloop.recording.watch import watch
     from simloop.scenario.build import build_world
 
     scenario = spec.load()
     world = build_world(scenario)
-    pictures = snapshots_for(folder / name_of(spec), scenario, world)
     try:
-        Simulation(scenario, listeners=[pictures.offer], world=world).run()
-        pictures.finish()
+        with watch(scenario, world, Outputs(snapshots=folder / name_of(spec))) as watched:
+            Simulation(scenario, watched.listeners, world=world).run()
     except (InputError, OSError, RuntimeError):
         return None
     sheets = sorted((folder / name_of(spec)).glob("*sheet*"))

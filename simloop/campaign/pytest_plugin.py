@@ -33,7 +33,7 @@ class SimloopRun:
 
     @property
     def outcome(self) -> str:
-        """reached, collision, stuck, lost, missed or timeout."""
+        """One of the words of ``simloop.evaluation.referee.Outcome``."""
         return str(self.metrics["outcome"])
 
     def assert_reached(
@@ -50,9 +50,10 @@ class SimloopRun:
 
     def _wrong(self, within_s: float | None, path_ratio: float | None) -> str:
         from simloop.campaign.summary import figure_of
+        from simloop.evaluation.referee import Outcome
 
         took, to_go = self.metrics["sim_time_s"], self.metrics["distance_to_go_m"]
-        if self.outcome != "reached":
+        if self.outcome != Outcome.REACHED:
             return f"{self.outcome} after {took:.1f} s, {to_go:.2f} m from the goal"
         if within_s is not None and took > within_s:
             return f"reached after {took:.1f} s, not within {within_s:g} s"

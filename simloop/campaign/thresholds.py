@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from simloop.campaign.summary import Cell, cells_of, figure_of, spread
 from simloop.campaign.work import Row
 from simloop.common.errors import InputError, did_you_mean
+from simloop.evaluation.referee import Outcome
 
 _FORM = re.compile(r"\s*(\w+?)\s*(>=|<=|>|<|==)\s*([-+\d.eE]+)\s*\Z")
 _COMPARE: dict[str, Callable[[float, float], bool]] = {
@@ -79,7 +80,7 @@ def judge(thresholds: Sequence[Threshold], rows: Sequence[Row]) -> list[Verdict]
 def _value(name: str, rows: Sequence[Row]) -> float | None:
     if name.endswith(_SUFFIX):
         outcome = name.removesuffix(_SUFFIX)
-        wanted = "reached" if outcome == "success" else outcome
+        wanted = Outcome.REACHED if outcome == "success" else outcome
         return sum(row["outcome"] == wanted for row in rows) / len(rows)
     figure, _, statistic = name.rpartition("_")
     values = [v for row in rows if row["success"] and (v := figure_of(row, figure)) is not None]

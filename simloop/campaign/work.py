@@ -10,6 +10,7 @@ from typing import Any
 
 from simloop.campaign.spec import RunSpec
 from simloop.common.errors import InputError
+from simloop.evaluation.referee import Outcome
 from simloop.loop import Simulation
 from simloop.scenario.build import World, build_world
 
@@ -46,7 +47,7 @@ def row_of(spec: RunSpec, outcome: str, error: str = "") -> Row:
         "sweep": sweep,
         "seed": spec.seed,
         "outcome": outcome,
-        "success": outcome == "reached",
+        "success": outcome == Outcome.REACHED,
         "error": error,
     }
 

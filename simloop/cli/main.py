@@ -9,7 +9,6 @@ import os
 import signal
 import sys
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -31,8 +30,8 @@ from simloop.cli.common import (
 from simloop.common.errors import InputError
 
 if TYPE_CHECKING:
-    from simloop.cli.outputs import Outputs
     from simloop.loop import RunResult, Simulation
+    from simloop.recording.outputs import Outputs
     from simloop.scenario.build import World
     from simloop.scenario.scenario import Scenario
 
@@ -139,29 +138,33 @@ def run_scenario(
 ) -> int:
     """Run a scenario: exit code 0 if the goal is reached, 1 if the robot fails."""
     from simloop.cli.outputs import choose
+    from simloop.evaluation.referee import Outcome
     from simloop.scenario.load import load, resolve
 
     wanted = load(scenario, overrides or (), seed=seed, planner=planner)
     outputs = choose(out, record, snapshots, json_file)
     outputs.check(resolve(scenario))
     world = _build(wanted)
-    # Nothing has been written so far, and from here on nothing can be wrong with the input.
+    # Nothing is written before this line, and all errors of the input are found before it.
     console, notes = Console(quiet=quiet), Console(stderr=True, quiet=quiet)
     with compiling_shown(notes) as report:
-        from simloop.loop import warm_up
+        from simloop.evaluation.provenance import versions
+        from simloop.loop import Simulation, warm_up
+        from simloop.recording.watch import watch
 
         warm_up(wanted, world, report)
     outputs.prepare()
-    with stop_asked() as stop:
-        watch = _Watch(wanted, world, outputs)
-        result = _drive(watch.simulation, notes, stop)
+    with stop_asked() as stop, watch(wanted, world, outputs) as watched:
+        outputs.write_config(wanted, versions())
+        simulation = Simulation(wanted, watched.listeners, world=world)
+        result = _drive(simulation, notes, stop)
         try:
-            outputs.write_result(result.metrics | watch.plans())
-            watch.finish()
+            outputs.write_result(result.metrics | watched.plan_figures())
+            watched.finish()
         finally:
             _print_result(console, result.metrics, outputs)
-    if result.outcome == "interrupted":
-        sys.exit(INTERRUPTED)  # said in the table, unlike what is cut off before or after
+    if result.outcome is Outcome.INTERRUPTED:
+        sys.exit(INTERRUPTED)  # without a message: the table says it already
     return 0 if result.reached else 1
 
 
@@ -194,46 +197,8 @@ def certify(
     return 0 if figures["ok"] else 1
 
 
-class _Watch:
-    """A simulation, and whoever keeps something of it: the recording is closed in any case."""
-
-    def __init__(self, scenario: Scenario, world: World, outputs: Outputs) -> None:
-        from simloop.evaluation.plan_gap import PlanLog
-        from simloop.evaluation.provenance import versions
-        from simloop.loop import Simulation
-        from simloop.recording.listeners import recorder_for, snapshots_for
-
-        self._recorder = self._pictures = self._plans = None
-        listeners = []
-        if outputs.recording is not None or outputs.result is not None:
-            self._plans = PlanLog(scenario.config.planner)
-            listeners.append(self._plans.offer)
-        if outputs.recording is not None:
-            self._recorder = recorder_for(outputs.recording, scenario, world)
-        outputs.write_config(scenario, versions())
-        if outputs.snapshots is not None:
-            self._pictures = snapshots_for(outputs.snapshots, scenario, world)
-            listeners.append(self._pictures.offer)
-        self.simulation = Simulation(scenario, self._recorder, listeners, world=world)
-
-    def plans(self) -> dict[str, Any]:
-        """The record of each replan for the result, and for the recording before it is closed."""
-        if self._plans is None:
-            return {}
-        records = self._plans.records()
-        if self._recorder is not None:
-            self._recorder.add_plan_records(records)
-        return {"plans": [asdict(record) for record in records]}
-
-    def finish(self) -> None:
-        """Close the recording, draw the pictures."""
-        if self._recorder is not None:
-            self._recorder.close()
-        if self._pictures is not None:
-            self._pictures.finish()
-
-
 def _drive(simulation: Simulation, notes: Console, stop: Callable[[], bool]) -> RunResult:
+    """Run with a progress bar until the end, or until ``stop`` answers True."""
     from simloop.common.terminal import progress_bar
 
     to_go, limit = simulation.metrics.distance_to_go_m(), simulation.scenario.time_limit_s
@@ -247,7 +212,7 @@ def _drive(simulation: Simulation, notes: Console, stop: Callable[[], bool]) -> 
 
 
 def _build(scenario: Scenario) -> World:
-    """The scenario's world. MuJoCo loads what MUJOCO_GL names as it is imported, and fails so."""
+    """Build the scenario's world. MuJoCo fails on import if it cannot load MUJOCO_GL's back end."""
     try:
         from simloop.scenario.build import build_world
     except Exception as error:
@@ -261,6 +226,7 @@ def _build(scenario: Scenario) -> World:
 
 
 def _print_result(console: Console, metrics: dict[str, Any], outputs: Outputs) -> None:
+    """Print the table of figures and the files that were written."""
     from simloop.cli.tables import print_result
 
     print_result(console, metrics)

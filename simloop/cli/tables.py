@@ -1,4 +1,4 @@
-"""Results as tables in the terminal."""
+"""Prints results as tables in the terminal."""
 
 from __future__ import annotations
 
@@ -11,20 +11,16 @@ from rich.markup import escape
 
 from simloop.certify.checks import Check
 from simloop.common.terminal import print_table
-
-_OUTCOMES = {
-    "reached": ("green", "goal reached"),
-    "collision": ("red", "collision"),
-    "timeout": ("red", "out of time"),
-    "stuck": ("red", "stuck: it gave up"),
-    "lost": ("red", "lost: it does not know where it is, and stopped"),
-    "missed": ("red", "it stopped short, believing to be there"),
-    "interrupted": ("yellow", "interrupted"),
-}
+from simloop.evaluation.referee import Outcome
 
 
 def print_certificate(console: Console, checks: Sequence[Check]) -> None:
-    """One table a group, and the verdict; informative rows are for comparison only."""
+    """Print one table for each group of checks, then the verdict.
+
+    Args:
+        console: Where to print.
+        checks: The checks. Informative ones are shown for comparison and do not count.
+    """
     groups: dict[str, list[Check]] = {}
     for check in checks:
         groups.setdefault(check.group, []).append(check)
@@ -51,10 +47,16 @@ def print_certificate(console: Console, checks: Sequence[Check]) -> None:
 
 
 def print_result(console: Console, metrics: Mapping[str, Any]) -> None:
-    """The figures of a run in the order in which a person asks for them."""
-    colour, text = _OUTCOMES.get(metrics["outcome"], ("red", metrics["outcome"]))
+    """Print how a run ended and its figures.
+
+    Args:
+        console: Where to print.
+        metrics: The figures of the run, see ``RunMetrics.result``.
+    """
+    outcome = Outcome(metrics["outcome"])
+    colour = "yellow" if outcome is Outcome.INTERRUPTED else "green" if outcome.success else "red"
     heading = f"{metrics['scenario']}, seed {metrics['seed']}, planner {metrics['planner']}"
-    heading = f"{escape(heading)}: [bold {colour}]{text}[/]"
+    heading = f"{escape(heading)}: [bold {colour}]{outcome.description}[/]"
     console.print(heading, highlight=False, soft_wrap=True)
     for name, value in result_rows(metrics):
         line = f"  [dim]{name:13}[/] {escape(value)}"
@@ -62,18 +64,25 @@ def print_result(console: Console, metrics: Mapping[str, Any]) -> None:
 
 
 def result_rows(metrics: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """(name, text) rows of the result table."""
+    """Format the figures of a run for people.
+
+    Args:
+        metrics: The figures of the run, see ``RunMetrics.result``.
+
+    Returns:
+        Rows of name and text, the most important first.
+    """
     path, shortest = metrics["path_length_m"], metrics["shortest_path_m"]
-    way = f"{path:.2f} m"
+    length = f"{path:.2f} m"
     if shortest:
-        way += f"; shortest safe way {shortest:.2f} m ({path / shortest:.2f} x)"
+        length += f"; shortest safe path {shortest:.2f} m ({path / shortest:.2f} x)"
     yaw = metrics["yaw_rmse_rad"]
     yaw_deg = None if yaw is None else math.degrees(yaw)
     factor = _figure(metrics["real_time_factor"], ".1f", " x real time")
     return [
         ("time", f"{metrics['sim_time_s']:.2f} s, simulated in {metrics['wall_time_s']:.2f} s "
                  f"of wall time ({factor})"),
-        ("path", f"{way}, SPL {metrics['spl']:.3f}"),
+        ("path", f"{length}, SPL {metrics['spl']:.3f}"),
         ("obstacles", f"{_gap(metrics['min_clearance_m'])}, "
                       f"{metrics['contact_count']} contacts"),
         ("localisation", f"{_figure(metrics['ate_rmse_m'], '.4f', ' m')} and "

@@ -1,1 +1,1 @@
-"""TODO."""
+"""How a run is judged: its outcome, its figures and the yardsticks beside them."""

@@ -1,4 +1,4 @@
-"""What the robot said of its localisation, held against the truth, once the run is over."""
+"""Compares what the robot reported about its localisation with the ground truth."""
 
 from __future__ import annotations
 
@@ -10,34 +10,44 @@ import numpy as np
 from simloop.messages import FloatArray, Health
 
 WRONG_M, WRONG_RAD = 0.1, 0.1
-"""An error of the pose above which it is wrong."""
-_MOVING_M = 2e-4  # a period: 2 cm/s
+"""A pose with a larger error than one of these is wrong."""
+_MOVING_M = 2e-4  # in one control period of 0.01 s: 2 cm/s
 
 
-def account(
-    said: Sequence[Health], t_ns: FloatArray, error: FloatArray, truth: FloatArray
+def health_account(
+    reports: Sequence[Health], t_ns: FloatArray, error: FloatArray, truth: FloatArray
 ) -> dict[str, Any]:
-    """Seconds in each state and under each reason, and how long a wrong pose was driven on.
+    """Sum up how long the robot was in each state of health, and how long it was wrong.
 
-    said: the changes, in order; t_ns (n,), error (n, 3) and truth (n, 3) of the estimates. final:
-    the last state. unsaid_s: how long it truly moved with a pose that was wrong, and said ``ok``.
+    Args:
+        reports: The robot's reports in order. There is one at each change of its health; before
+            the first one the robot is ``ok``.
+        t_ns: (n,) instants of the estimates, ns.
+        error: (n, 3) errors of the estimates in x, y, m, and yaw, rad.
+        truth: (n, 3) true poses x, y, yaw of base_link in map.
+
+    Returns:
+        ``ok_s``, ``degraded_s``, ``lost_s``: seconds in each state; ``reasons_s``: seconds under
+        each reason; ``final``: the last state; ``unsaid_s``: seconds in which the robot moved
+        with a wrong pose and reported ``ok``.
     """
     period_s = float(np.median(np.diff(t_ns))) * 1e-9 if len(t_ns) > 1 else 0.0
-    changes = np.array([health.t_ns for health in said], np.int64)
+    # current[i] is the number of the report in force at estimate i; 0 is before the first.
+    changes = np.array([report.t_ns for report in reports], np.int64)
     current = changes.searchsorted(t_ns, side="right")
-    ticks = np.bincount(current, minlength=len(said) + 1)
+    ticks = np.bincount(current, minlength=len(reports) + 1)
     states = {"ok": float(ticks[0]), "degraded": 0.0, "lost": 0.0}
     reasons: dict[str, float] = {}
-    for health, count in zip(said, ticks[1:].tolist(), strict=True):
-        states[health.state] += count
-        for reason in health.reasons:
+    for report, count in zip(reports, ticks[1:].tolist(), strict=True):
+        states[report.state] += count
+        for reason in report.reasons:
             reasons[reason] = reasons.get(reason, 0.0) + count * period_s
-    fine = np.array([True, *(health.state == "ok" for health in said)])[current]
+    reported_ok = np.array([True, *(report.state == "ok" for report in reports)])[current]
     wrong = (np.hypot(error[:, 0], error[:, 1]) > WRONG_M) | (np.abs(error[:, 2]) > WRONG_RAD)
     moves = np.hypot(*np.diff(truth[:, :2], axis=0, prepend=truth[:1, :2]).T) > _MOVING_M
     return {
         **{f"{state}_s": count * period_s for state, count in states.items()},
         "reasons_s": reasons,
-        "final": said[-1].state if said else "ok",
-        "unsaid_s": float(np.sum(fine & wrong & moves)) * period_s,
+        "final": reports[-1].state if reports else "ok",
+        "unsaid_s": float(np.sum(reported_ok & wrong & moves)) * period_s,
     }

@@ -1,4 +1,4 @@
-"""Where a figure comes from: versions and machine."""
+"""Records where a figure comes from: versions of the packages, and the machine."""
 
 from __future__ import annotations
 
@@ -21,7 +21,11 @@ _PACKAGES = (
 
 
 def versions() -> dict[str, str]:
-    """Of Python and of every package that can change a run."""
+    """List the versions of Python and of every package that can change a run.
+
+    Returns:
+        Name to version; ``not installed`` for a missing package.
+    """
     found = {"simloop": __version__, "python": platform.python_version()}
     for package in _PACKAGES:
         try:
@@ -32,11 +36,16 @@ def versions() -> dict[str, str]:
 
 
 def machine() -> dict[str, Any]:
-    """What the figures were measured on."""
+    """Describe the machine on which figures are measured.
+
+    Returns:
+        ``cpu``, ``cores`` and ``platform``.
+    """
     return {"cpu": _cpu_name(), "cores": os.cpu_count(), "platform": platform.platform(terse=True)}
 
 
 def _cpu_name() -> str:
+    """The processor's name, from the optional package py-cpuinfo if it is there."""
     try:
         import cpuinfo
     except ImportError:

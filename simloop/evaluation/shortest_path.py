@@ -1,8 +1,9 @@
-"""The shortest safe path in the true floor plan: the yardstick of a run, made after it.
+"""Finds the shortest safe path in the true floor plan, the yardstick for the path of a run.
 
-Exact but for rounding: each convex outline, swollen by the robot's radius, is bounded by arcs about
-its vertices and by edges that are tangents of two such arcs. A shortest path among them is
-made of common tangents and arcs only (the tangent graph), so Dijkstra's algorithm finds it.
+The result is exact except for rounding. Each convex outline, grown by the robot's radius, is
+bounded by arcs about its vertices and by edges that are tangents of two such arcs. A shortest path
+among grown outlines consists of common tangents and arcs only (the tangent graph), so Dijkstra's
+algorithm on that graph finds it.
 """
 
 from __future__ import annotations
@@ -19,14 +20,19 @@ from simloop.messages import FloatArray
 from simloop.worlds.floor_plan import FloorPlan, outline_edges, segment_distances
 
 _SLACK_M = 1e-6
-"""A tangent touches what it is tangent to; closer than this to the radius is as good as on it."""
+"""Tolerance of distances: a tangent touches the circle that it belongs to."""
 _ARC_STEP_RAD = math.radians(2.0)
 _BATCH = 4096
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShortestPath:
-    """length_m of the path, exact; xy_m (N, 2) its points, arcs sampled every two degrees."""
+    """A shortest path.
+
+    Attributes:
+        length_m: Its exact length, m.
+        xy_m: (N, 2) its points in map, m; arcs are sampled every two degrees.
+    """
 
     length_m: float
     xy_m: FloatArray
@@ -34,8 +40,14 @@ class ShortestPath:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Circles:
-    """Arcs to wrap round: centre_m (N, 2), radius_m (N,), and the directions (N, 2) to the
-    neighbouring vertices of the outline, which bound the arc's normals (zero where there is none).
+    """The circles that a path can follow, one about each vertex of an outline.
+
+    Attributes:
+        centre_m: (N, 2) centres in map, m.
+        radius_m: (N,) radii, m.
+        to_next: (N, 2) vector to the next vertex of the outline, m; zero if there is none. With
+            ``to_previous`` it bounds the part of the circle that is free.
+        to_previous: (N, 2) vector to the previous vertex, m.
     """
 
     centre_m: FloatArray
@@ -46,8 +58,16 @@ class _Circles:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Tangents:
-    """Directed common tangents: from circle ``tail`` (T,) left with sense ``tail_sense`` (+1
-    counter-clockwise) at ``start_m`` (T, 2), to circle ``head``, reached at ``end_m``."""
+    """Directed common tangents of two circles.
+
+    Attributes:
+        tail: (T,) circle that the tangent leaves.
+        head: (T,) circle that it reaches.
+        tail_sense: (T,) sense in which the path follows the tail, +1 counter-clockwise, -1 not.
+        head_sense: (T,) the same for the head.
+        start_m: (T, 2) where it leaves the tail, in map, m.
+        end_m: (T, 2) where it reaches the head, in map, m.
+    """
 
     tail: NDArray[np.int64]
     head: NDArray[np.int64]
@@ -60,16 +80,23 @@ class _Tangents:
 def shortest_path(
     plan: FloorPlan, start_m: FloatArray, goal_m: FloatArray, radius_m: float
 ) -> ShortestPath | None:
-    """The shortest path of a disc's centre from start (2,) to goal (2,), both in map.
+    """Find the shortest path on which a disc touches nothing.
 
-    The disc of ``radius_m`` touches nothing along it. None where there is no such path, or where
-    start or goal is itself nearer to an obstacle than the radius.
+    Args:
+        plan: The true floor plan.
+        start_m: (2,) centre of the disc at the start, in map, m.
+        goal_m: (2,) centre of the disc at the goal, in map, m.
+        radius_m: Radius of the disc.
+
+    Returns:
+        The path of the disc's centre; None if there is none, or if the start or the goal is nearer
+        to an obstacle than the radius.
     """
     ends = np.array([start_m[:2], goal_m[:2]], dtype=np.float64)
     free_m = float(plan.clearance_m(ends).min())
     if free_m < radius_m - _SLACK_M:
         return None
-    # An end a hair inside a swollen outline has no tangents: shrink by that hair.
+    # An end that rounding puts inside a grown outline has no tangents: shrink the disc by that.
     radius_m = min(radius_m, free_m - 0.1 * _SLACK_M)
     if np.array_equal(ends[0], ends[1]):
         return ShortestPath(0.0, ends)
@@ -78,7 +105,7 @@ def shortest_path(
 
 
 def _circles(plan: FloorPlan, ends: FloatArray, radius_m: float) -> _Circles:
-    """Start is circle 0, goal circle 1, both of radius 0; then one circle a vertex."""
+    """Circle 0 is the start and circle 1 the goal, both of radius 0; the others are vertices."""
     centres, radii = [ends], [np.zeros(2)]
     following, preceding = [np.zeros((2, 2))], [np.zeros((2, 2))]
     for section in plan.sections:
@@ -97,6 +124,7 @@ def _circles(plan: FloorPlan, ends: FloatArray, radius_m: float) -> _Circles:
 
 def _free_tangents(plan: FloorPlan, circles: _Circles, radius_m: float) -> _Tangents:
     """All common tangents of two circles along which the disc touches nothing."""
+    # Every ordered pair of circles, except into the start and out of the goal.
     tail, head = np.nonzero(~np.eye(len(circles.radius_m), dtype=bool))
     into_or_out = (head != 0) & (tail != 1)
     tail, head = tail[into_or_out], head[into_or_out]
@@ -107,6 +135,8 @@ def _free_tangents(plan: FloorPlan, circles: _Circles, radius_m: float) -> _Tang
     ]
     joined = [np.concatenate(columns) for columns in zip(*found, strict=True)]
     tail, head, tail_sense, head_sense, start_m, end_m = joined
+    # The cheap test first, of the ends; then the exact one, of the whole tangent, in batches that
+    # keep the table of tangents and edges small.
     near = radius_m - _SLACK_M
     free = (plan.clearance_m(start_m) >= near) & (plan.clearance_m(end_m) >= near)
     index = np.flatnonzero(free)
@@ -126,23 +156,25 @@ def _tangents(
     tail_sense: int,
     head_sense: int,
 ) -> tuple[NDArray[np.int64], ...]:
-    """The tangents of one pair of senses that touch each outline at a true corner of it.
+    """The tangents with one pair of senses that touch both outlines at a vertex.
 
-    Going along u, a circle gone round with sense s is touched at c + s r n, n the normal
-    to the right of u. Both ends on one line: |c2 - c1| sin(angle of u off c2 - c1) = s1 r1 - s2 r2.
+    Let u be the tangent's direction and n the normal to its right. A circle (c, r) that is followed
+    with sense s is touched at c + s r n. Both touching points lie on one line along u if
+    |c2 - c1| sin(angle of u against c2 - c1) = s1 r1 - s2 r2.
     """
-    # A point has no sense: start and goal are taken with the one of +1 only.
+    # A point has no sense: start and goal are used with sense +1 only.
     keep = ((tail != 0) | (tail_sense > 0)) & ((head != 1) | (head_sense > 0))
     tail, head = tail[keep], head[keep]
     apart = circles.centre_m[head] - circles.centre_m[tail]
     distance = np.hypot(apart[:, 0], apart[:, 1])
     offset = tail_sense * circles.radius_m[tail] - head_sense * circles.radius_m[head]
-    # Circles that just touch from within (a start on an arc, say) have a tangent of no length.
+    # Circles that touch from within (for example a start on an arc) have a tangent of length 0.
     keep = (distance > 0.0) & (distance > np.abs(offset) - _SLACK_M)
     tail, head, apart = tail[keep], head[keep], apart[keep]
     lean = np.arcsin(np.clip(offset[keep] / distance[keep], -1.0, 1.0))
     heading = np.arctan2(apart[:, 1], apart[:, 0]) + lean
     right = np.stack([np.sin(heading), -np.cos(heading)], axis=1)
+    # A touching point is on the outline only if its normal lies between those of the two edges.
     ends = []
     keep = np.ones(len(tail), dtype=bool)
     for circle, sense in ((tail, tail_sense), (head, head_sense)):
@@ -157,7 +189,7 @@ def _tangents(
 def _search(
     plan: FloorPlan, circles: _Circles, tangents: _Tangents, radius_m: float
 ) -> ShortestPath | None:
-    """Dijkstra over the tangents' ends: along tangents, and along arcs to the next end."""
+    """Build the tangent graph: its nodes are the tangents' ends, its links tangents and arcs."""
     count = len(tangents.tail)
     if not count:
         return None
@@ -179,6 +211,7 @@ def _dijkstra(
     targets: set[int],
     start_m: FloatArray,
 ) -> ShortestPath | None:
+    """Dijkstra's algorithm (1959) from several sources to the nearest of several targets."""
     best = dict.fromkeys(sources, 0.0)
     came: dict[int, tuple[int, FloatArray]] = {}
     queue = [(0.0, node) for node in sources]
@@ -186,8 +219,9 @@ def _dijkstra(
     while queue:
         cost, node = heapq.heappop(queue)
         if cost > best[node]:
-            continue
+            continue  # an older, longer way to this node
         if node in targets:
+            # Follow the links back and join their points.
             points = []
             while node in came:
                 node, leg = came[node]
@@ -204,9 +238,9 @@ def _dijkstra(
 def _arcs(
     plan: FloorPlan, circles: _Circles, tangents: _Tangents, radius_m: float
 ) -> list[tuple[int, int, float, FloatArray]]:
-    """(node, next node, length, points) of every free arc between neighbouring tangent ends.
+    """Every free arc between neighbouring ends of tangents: node, next node, length, points.
 
-    Per circle and sense, the ends are put in order of angle and each is joined to its next.
+    For each circle and sense, the ends are sorted by angle and each is joined to the next one.
     """
     ends: dict[tuple[int, int], list[tuple[float, int]]] = defaultdict(list)
     for t in range(len(tangents.tail)):
@@ -228,6 +262,6 @@ def _arcs(
             points = centre + radius * np.stack([np.cos(turned), np.sin(turned)], axis=1)
             if np.all(plan.clearance_m(points) >= radius_m - _SLACK_M):
                 arcs.append((node, after, radius * swept, points[1:]))
-                if swept == 0.0:  # the same point: its order among its equals means nothing
+                if swept == 0.0:  # one point, so the link leads both ways
                     arcs.append((after, node, 0.0, points[1:]))
     return arcs

@@ -1,4 +1,4 @@
-"""The robot's own picture of the world, drawn flat: map, scan, discs, paths, footprint.
+"""Draws what the robot believes as a flat picture: map, scan, discs, paths and footprint.
 
 Images are (height, width, 3) uint8 in OpenCV's order of colours, blue first.
 """
@@ -37,10 +37,18 @@ _SURE_LOG_ODDS = 2.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Belief:
-    """What the robot thought at one instant; whatever it has not thought of yet is None.
+    """What the robot believes at one instant; None for what it does not have yet.
 
-    pose: (3,) base_link in map. goal: (2,). trail_m: (N, 2) where it believes to have been.
-    scan_pose: (3,) the pose from which ``scan`` is drawn.
+    Attributes:
+        pose: (3,) x, y, yaw of base_link in map.
+        goal: (2,) goal in map, m.
+        trail_m: (N, 2) believed positions so far in map, m.
+        grid: The robot's map.
+        world: The planner's world.
+        plan: The last plan.
+        path: The path that is followed.
+        scan: The last scan.
+        scan_pose: (3,) x, y, yaw of base_link in map when ``scan`` was taken.
     """
 
     pose: FloatArray
@@ -55,11 +63,7 @@ class Belief:
 
 
 class PlannerView:
-    """Draws beliefs over a fixed piece of the map.
-
-    bounds_m: (4,) x_min, y_min, x_max, y_max that the image shows, kept square to the axes and
-    centred in it. laser_m: (2,) the laser in base_link.
-    """
+    """Draws beliefs over a fixed part of the map."""
 
     def __init__(
         self,
@@ -68,6 +72,14 @@ class PlannerView:
         vehicle: VehicleConfig,
         laser_m: Sequence[float] | FloatArray = (0.0, 0.0),
     ) -> None:
+        """Choose the part of the map and the size of the image.
+
+        Args:
+            bounds_m: (4,) x_min, y_min, x_max, y_max in map that the image must show, m.
+            size_px: Width and height of the image, px.
+            vehicle: Size of the vehicle.
+            laser_m: (2,) the LiDAR in base_link, m.
+        """
         low, high = np.array(bounds_m[:2], float), np.array(bounds_m[2:], float)
         self._size_px = size_px
         self._scale = size_px / (float(np.max(high - low)) + 0.3)
@@ -76,7 +88,14 @@ class PlannerView:
         self._laser_m = np.array(laser_m, float)
 
     def draw(self, belief: Belief) -> Image:
-        """(size_px, size_px, 3): what the planner sees, x to the right and y up."""
+        """Draw one belief.
+
+        Args:
+            belief: What the robot believes.
+
+        Returns:
+            (size_px, size_px, 3) image, x to the right and y up.
+        """
         image = self._ground(belief.grid)
         if belief.world is not None:
             for x, y, radius in belief.world.discs_xyr_m:
@@ -103,7 +122,7 @@ class PlannerView:
         image = np.full((self._size_px, self._size_px, 3), UNKNOWN, np.uint8)
         if grid is None:
             return image
-        # Each pixel's centre falls into a cell; what lies off the grid is as unknown as a new cell.
+        # Look up the cell under each pixel's centre. Pixels outside the grid are unknown.
         corner = self._centre_m - 0.5 * self._size_px / self._scale
         pixel_m = (np.arange(self._size_px) + 0.5) / self._scale
         x, y = (
@@ -114,13 +133,13 @@ class PlannerView:
         inside = ((y >= 0) & (y < rows))[:, None] & ((x >= 0) & (x < columns))[None, :]
         cells = grid.log_odds[np.ix_(y.clip(0, rows - 1), x.clip(0, columns - 1))]
         odds = np.where(inside, cells, 0.0)[::-1]
-        # Free cells fade from unknown to paper, occupied ones to ink, as they become sure.
+        # The surer a cell, the nearer its colour is to white (free) or to black (occupied).
         sure = np.clip(np.abs(odds) / _SURE_LOG_ODDS, 0.0, 1.0)[..., None]
         ends = np.where(odds[..., None] > 0.0, np.array(INK, float), np.array(PAPER, float))
         return np.ascontiguousarray((image * (1.0 - sure) + ends * sure).astype(np.uint8))
 
     def _movers(self, image: Image, world: WorldView) -> None:
-        """Each as a disc and where it will be in a second."""
+        """Draw each as a disc with a line to its predicted place in one second."""
         if world.movers is None:
             return
         tracks = world.movers
@@ -134,9 +153,9 @@ class PlannerView:
         scan, pose = belief.scan, belief.scan_pose
         if scan is None or pose is None:
             return
-        heard = np.isfinite(scan.ranges_m)
-        angle, far = scan.angles_rad[heard], scan.ranges_m[heard]
-        local = far[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1) + self._laser_m
+        returned = np.isfinite(scan.ranges_m)
+        angle, range_m = scan.angles_rad[returned], scan.ranges_m[returned]
+        local = range_m[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1) + self._laser_m
         for point in in_map(pose, local):
             self._dot(image, point, 1, SCAN)
 
@@ -153,7 +172,7 @@ class PlannerView:
         self._polygon(image, in_map(pose, arrow), PAPER)
 
     def _pixels(self, points_m: FloatArray) -> NDArray[np.int32]:
-        """(N, 2) fixed-point pixels of points (N, 2) in map."""
+        """Convert points (N, 2) in map, m, to fixed-point pixels (N, 2)."""
         flat = (np.asarray(points_m, float).reshape(-1, 2) - self._centre_m) * [1.0, -1.0]
         pixels = flat * self._scale + 0.5 * self._size_px - 0.5
         return np.round(np.clip(pixels, -1e4, 1e4) * (1 << _SHIFT)).astype(np.int32)
@@ -185,7 +204,15 @@ class PlannerView:
 
 
 def in_map(pose: FloatArray, points_m: FloatArray) -> FloatArray:
-    """(N, 2) points given in a body's frame, whose pose (3,) is in map."""
+    """Transform points from a body's frame to map.
+
+    Args:
+        pose: (3,) x, y, yaw of the body in map.
+        points_m: (N, 2) points in the body's frame, m.
+
+    Returns:
+        (N, 2) points in map, m.
+    """
     cos, sin = np.cos(pose[2]), np.sin(pose[2])
     return points_m @ np.array([[cos, sin], [-sin, cos]]) + pose[:2]
 
@@ -193,5 +220,13 @@ def in_map(pose: FloatArray, points_m: FloatArray) -> FloatArray:
 def write_text(
     image: Image, text: str, corner: tuple[int, int], scale: float, colour: Colour = INK
 ) -> None:
-    """One line of text; corner: its lower left, px."""
+    """Write one line of text into an image.
+
+    Args:
+        image: Changed in place.
+        text: The text, ASCII.
+        corner: x and y of its lower left corner, px.
+        scale: Size of the letters; 1 is about 20 px.
+        colour: Blue, green, red, 0 to 255.
+    """
     cv2.putText(image, text, corner, cv2.FONT_HERSHEY_SIMPLEX, scale, colour, 1, cv2.LINE_AA)

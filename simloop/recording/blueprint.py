@@ -1,4 +1,4 @@
-"""How a recording opens: the scene large, figures beside it, events below."""
+"""Arranges a recording in the viewer: the scene large, figures beside it, events below."""
 
 from __future__ import annotations
 
@@ -11,9 +11,15 @@ if TYPE_CHECKING:
 
 
 def make_blueprint(bounds_m: FloatArray, timeline: str, camera: str | None = None) -> rrb.Blueprint:
-    """The arrangement for an arena with bounds (4,) x_min, y_min, x_max, y_max, m.
+    """Arrange the views.
 
-    camera: the entity of a depth camera, if there is one.
+    Args:
+        bounds_m: (4,) x_min, y_min, x_max, y_max of the arena in map, m.
+        timeline: The name of the timeline.
+        camera: The entity of the depth camera, if there is one.
+
+    Returns:
+        The blueprint.
     """
     import rerun.blueprint as rrb
 
@@ -25,6 +31,7 @@ def make_blueprint(bounds_m: FloatArray, timeline: str, camera: str | None = Non
         background=[250, 250, 250],
         line_grid=rrb.LineGrid3D(visible=False),
         eye_controls=rrb.EyeControls3D(
+            # From the south and above, so that the whole arena is in view and y points up.
             position=[centre[0], centre[1] - 1.05 * span, 1.15 * span],
             look_target=[centre[0], centre[1] - 0.05 * span, 0.0],
             eye_up=[0.0, 0.0, 1.0],
@@ -35,11 +42,25 @@ def make_blueprint(bounds_m: FloatArray, timeline: str, camera: str | None = Non
         sight = rrb.Spatial2DView(origin=f"/{camera}", name="What the depth camera sees")
         events = rrb.Horizontal(sight, events)
 
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(scene, events, row_shares=[4, 1]), _figures(), column_shares=[2, 1]
+        ),
+        rrb.TimePanel(timeline=timeline),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+    )
+
+
+def _figures() -> rrb.Vertical:
+    """The plots, in tabs of things that are read together."""
+    import rerun.blueprint as rrb
+
     def plot(name: str, *origins: str) -> Any:
         contents = [f"/plots/{origin}/**" for origin in origins]
         return rrb.TimeSeriesView(origin="/plots", contents=contents, name=name)
 
-    figures = rrb.Vertical(
+    return rrb.Vertical(
         plot("Speed, m/s", "speed"),
         rrb.Tabs(
             plot("Tracks, m/s", "track"),
@@ -60,12 +81,4 @@ def make_blueprint(bounds_m: FloatArray, timeline: str, camera: str | None = Non
             plot("Plan's cost", "plan_cost"),
             plot("Plan's effort", "plan_effort"),
         ),
-    )
-    return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Vertical(scene, events, row_shares=[4, 1]), figures, column_shares=[2, 1]
-        ),
-        rrb.TimePanel(timeline=timeline),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
     )

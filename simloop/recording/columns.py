@@ -1,4 +1,4 @@
-"""What a recording writes of each message, as columns of figures: names, values, outlines."""
+"""Turns messages into what a recording plots: columns of figures, outlines and grey maps."""
 
 from __future__ import annotations
 
@@ -16,14 +16,15 @@ _CHI2_95_2DOF = 5.991
 _ROUND = np.stack([f(np.linspace(0.0, 2.0 * np.pi, 33)) for f in (np.cos, np.sin)], axis=1)
 
 Column = Callable[[list[Any]], FloatArray]
+Series = tuple[type, tuple[str, ...], Column]
+"""A kind of message, the names of a plot's lines, and how messages give their values."""
 
 
 def _column(read: Callable[[Any], Any]) -> Column:
     return lambda messages: np.array([read(m) for m in messages], dtype=np.float64)
 
 
-# Each entity's source, its lines' names, and how a message gives their values.
-SERIES: dict[str, tuple[type, tuple[str, ...], Column]] = {
+_SERIES: dict[str, Series] = {
     "speed/true": (Truth, ("true",), _column(lambda m: m.velocity_body[0])),
     "speed/believed": (Estimate, ("believed",), _column(lambda m: m.state[3])),
     "speed/asked": (TrackCommand, ("asked",), _column(lambda m: m.speed_mps)),
@@ -35,11 +36,6 @@ SERIES: dict[str, tuple[type, tuple[str, ...], Column]] = {
     "energy": (Truth, ("drawn",), _column(lambda m: m.energy_j)),
     "tracks/slip": (TrackTruth, ("left", "right"), _column(lambda m: m.slip_mps)),
     "tracks/icr": (TrackTruth, ("y left", "y right", "x"), _column(lambda m: m.icr_m)),
-    "tracks/wheel_load": (
-        TrackTruth,
-        tuple(f"{side} {i}" for side in ("left", "right") for i in range(6)),
-        _column(lambda m: m.wheel_load_n),
-    ),
     "tracks/shear_work": (TrackTruth, ("taken",), _column(lambda m: m.shear_work_j)),
     "contacts": (
         Truth,
@@ -71,41 +67,105 @@ DERIVED = {
     "plan_cost_exact": ("exact, among discs",),
     "plan_gap_percent": ("gap",),
 }
+"""Figures computed from several messages: entity to the names of its lines."""
+
+
+def plotted_series(road_wheels: int) -> dict[str, Series]:
+    """List the figures that are plotted from one message each.
+
+    Args:
+        road_wheels: Road wheels of each track.
+
+    Returns:
+        Entity below ``plots/`` to its series.
+    """
+    names = tuple(f"{side} {i}" for side in ("left", "right") for i in range(road_wheels))
+    load = (TrackTruth, names, _column(lambda m: m.wheel_load_n))
+    return {**_SERIES, "tracks/wheel_load": load}
 
 
 def lifted(points: FloatArray, height: float) -> FloatArray:
-    """(N, 3) points (N, 2) at a height."""
+    """Lay points at a height.
+
+    Args:
+        points: (N, 2) points, m.
+        height: Their height, m.
+
+    Returns:
+        (N, 3) points, m.
+    """
     return np.column_stack([points, np.full(len(points), height)])
 
 
 def nees(error: FloatArray, covariance: FloatArray) -> FloatArray:
-    """(N,) normalised estimation error squared of errors (N, 3) and covariances (N, 3, 3)."""
+    """Compute the normalised estimation error squared, e^T P^-1 e.
+
+    Args:
+        error: (N, n) errors.
+        covariance: (N, n, n) covariances.
+
+    Returns:
+        (N,) NEES; its mean is n for a consistent filter (Bar-Shalom et al. 2001, Sec. 5.4).
+    """
     solved = np.linalg.solve(covariance, error[..., None])[..., 0]
     return np.sum(error * solved, axis=1)
 
 
 def circles(discs_xyr_m: FloatArray) -> list[FloatArray]:
-    """K outlines (33, 2) of discs (K, 3)."""
+    """Draw the outlines of discs.
+
+    Args:
+        discs_xyr_m: (K, 3) centres and radii, m.
+
+    Returns:
+        K closed outlines (33, 2), m.
+    """
     return [disc[:2] + disc[2] * _ROUND for disc in discs_xyr_m]
 
 
 def mover_strips(
     position_m: FloatArray, velocity_mps: FloatArray, radius_m: FloatArray
 ) -> list[FloatArray]:
-    """2 K strips: outlines of discs (K, 2), (K,), and lines to where they will be in a second."""
+    """Draw moving obstacles as discs, each with a line to its predicted place in one second.
+
+    Args:
+        position_m: (K, 2) centres, m.
+        velocity_mps: (K, 2) velocities, m/s.
+        radius_m: (K,) radii, m.
+
+    Returns:
+        2 K strips (n, 2): the outlines, then the lines.
+    """
     ways = np.stack([position_m, position_m + velocity_mps], axis=1)
     return [*circles(np.column_stack([position_m, radius_m])), *ways]
 
 
 def ellipses(centres: FloatArray, covariance: FloatArray, scale: float) -> FloatArray:
-    """(N, 33, 2) outlines that hold 95 %, about centres (N, 2), drawn ``scale`` times larger."""
+    """Draw the 95 % ellipses of two-dimensional normal distributions.
+
+    Args:
+        centres: (N, 2) means, m.
+        covariance: (N, 2, 2) covariances, m^2.
+        scale: How many times larger than true size the ellipses are drawn.
+
+    Returns:
+        (N, 33, 2) closed outlines, m.
+    """
+    # The half axes are the square roots of the eigenvalues, times the 95 % quantile.
     values, vectors = np.linalg.eigh(covariance)
     axes = vectors * (scale * np.sqrt(_CHI2_95_2DOF * np.maximum(values, 0.0)))[:, None, :]
     return centres[:, None, :] + np.einsum("nij,kj->nki", axes, _ROUND)
 
 
 def occupancy_percent(log_odds: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """The same shape, as in ROS: 0 free to 100 occupied, 255 where nothing is known."""
+    """Convert log odds to the occupancy values of ROS.
+
+    Args:
+        log_odds: (rows, cols) log odds; 0 is unknown.
+
+    Returns:
+        The same shape: 0 free to 100 occupied, 255 unknown.
+    """
     percent = np.round(100.0 / (1.0 + np.exp(-log_odds))).astype(np.uint8)
     percent[log_odds == 0.0] = 255
     return percent

@@ -1,4 +1,4 @@
-"""What a recording shows as pictures: the robot's map, and what its depth camera sees."""
+"""Converts the robot's map and its depth images to images of the recording library."""
 
 from __future__ import annotations
 
@@ -18,12 +18,22 @@ _FARTHEST_M = 3.0
 
 
 def occupancy(grid: MapUpdate | GridMap, height_m: float) -> rr.GridMap:
-    """A map, grey as in ROS, laid at a height."""
+    """Convert a map to an image in grey values as in ROS.
+
+    Args:
+        grid: The map.
+        height_m: The height at which the image lies in the 3D view.
+
+    Returns:
+        The library's map.
+    """
     import rerun as rr
 
     rows, columns = grid.log_odds.shape
     return rr.GridMap(
-        data=occupancy_percent(grid.log_odds)[::-1].tobytes(),  # an image's first row is up
+        data=occupancy_percent(grid.log_odds)[
+            ::-1
+        ].tobytes(),  # the first row of an image is its top
         format=rr.components.ImageFormat(
             width=columns, height=rows, color_model="L", channel_datatype="U8"
         ),
@@ -35,7 +45,14 @@ def occupancy(grid: MapUpdate | GridMap, height_m: float) -> rr.GridMap:
 
 
 def pinhole(image: DepthImage) -> rr.Pinhole:
-    """How the camera sees, in a frame of x forward, y left, z up."""
+    """Describe the camera's projection, in a frame with x forward, y left, z up.
+
+    Args:
+        image: Any image of the camera.
+
+    Returns:
+        The library's pinhole camera.
+    """
     import rerun as rr
 
     rows, columns = image.depth_m.shape
@@ -49,7 +66,14 @@ def pinhole(image: DepthImage) -> rr.Pinhole:
 
 
 def depth_columns(images: Sequence[DepthImage]) -> Any:
-    """One depth image an instant; what did not come back is 0, as is the custom."""
+    """Convert depth images to columns. A pixel without an echo is 0, as ROS has it.
+
+    Args:
+        images: Images of one size.
+
+    Returns:
+        The library's columns, one row for each image.
+    """
     import rerun as rr
 
     rows, columns = images[0].depth_m.shape

@@ -21,19 +21,25 @@ _TRAIL_RGBA = (0.24, 0.59, 0.35, 1.0)
 _GOAL_RGBA = (0.16, 0.63, 0.27, 1.0)
 
 
-class _NoOpenGL(RuntimeError):
-    """There is no way to draw off screen; the text says how to get one."""
+class NoOpenGLError(RuntimeError):
+    """Nothing can be drawn off screen; the text says what to install."""
 
 
-class _Stage:
-    """An OpenGL context off screen and the arena in it; a context manager."""
+class OffscreenScene:
+    """Renders an arena with its vehicle off screen; a context manager that holds OpenGL."""
 
     def __init__(self, model: mujoco.MjModel, size_px: tuple[int, int]) -> None:
+        """Prepare; OpenGL is opened by the ``with`` statement, which may raise NoOpenGLError.
+
+        Args:
+            model: The compiled model.
+            size_px: Width and height of the images.
+        """
         self._model, self._size_px = model, size_px
         self._data = mujoco.MjData(model)
 
-    def __enter__(self) -> _Stage:
-        self._gl = _open_gl(*self._size_px)
+    def __enter__(self) -> OffscreenScene:
+        self._gl = open_gl_context(*self._size_px)
         try:
             offscreen = self._model.vis.global_
             offscreen.offwidth, offscreen.offheight = self._size_px
@@ -44,7 +50,7 @@ class _Stage:
             mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
         except mujoco.FatalError as error:
             self._gl.free()
-            raise _NoOpenGL(f"OpenGL failed ({error})") from error
+            raise NoOpenGLError(f"OpenGL failed ({error})") from error
         return self
 
     def __exit__(
@@ -64,7 +70,18 @@ class _Stage:
         goal: FloatArray,
         loose: LooseTruth | None,
     ) -> Image:
-        """(height, width, 3), blue first: the vehicle, its trail, its path and the goal."""
+        """Render the scene at one instant.
+
+        Args:
+            truth: Ground truth of the vehicle.
+            path: The path that the robot follows, if there is one.
+            trail_m: (N, 2) or (N, 3) true positions so far in map, m.
+            goal: (2,) goal in map, m.
+            loose: Ground truth of the bodies that can move, if there are any.
+
+        Returns:
+            (height, width, 3) uint8 image in OpenCV's order of colours, blue first.
+        """
         data, model, (width, height) = self._data, self._model, self._size_px
         self._place("base_link", truth.position_m, truth.quaternion_wxyz)
         if loose is not None:
@@ -74,10 +91,12 @@ class _Stage:
                 self._place(name, at, turn)
         for name, angle in zip(("left", "right"), truth.sprocket_rad, strict=True):
             data.qpos[model.joint(f"sprocket_{name}_joint").qposadr[0]] = angle
+        # Positions alone are set, so this computes where everything is, without a step of time.
         mujoco.mj_forward(model, data)
         option, perturb = mujoco.MjvOption(), mujoco.MjvPerturb()
         category = mujoco.mjtCatBit.mjCAT_ALL.value
         mujoco.mjv_updateScene(model, data, option, perturb, self._camera(), category, self._scene)
+        # Decorations for this image only; they are no part of the model.
         self._disc(goal, 0.20, 0.002, (1.0, 1.0, 1.0, 1.0))
         self._disc(goal, 0.17, 0.003, _GOAL_RGBA)
         self._ribbon(trail_m[:, :2], 0.006, _TRAIL_RGBA)
@@ -87,10 +106,11 @@ class _Stage:
         mujoco.mjr_render(viewport, self._scene, self._context)
         image = np.empty((height, width, 3), np.uint8)
         mujoco.mjr_readPixels(image, None, viewport, self._context)
+        # OpenGL counts rows from below and puts red first.
         return np.ascontiguousarray(image[::-1, :, ::-1])
 
     def _place(self, body: str, position_m: FloatArray, quaternion_wxyz: FloatArray) -> None:
-        """Set the pose of a body that is free, or moved from outside."""
+        """Set the pose of a free body, or of one that is moved from outside (mocap)."""
         mocap = self._model.body(body).mocapid[0]
         if mocap >= 0:
             self._data.mocap_pos[mocap] = position_m
@@ -102,7 +122,7 @@ class _Stage:
         self._data.qpos[at + 3 : at + 7] = quaternion_wxyz
 
     def _camera(self) -> mujoco.MjvCamera:
-        """The arena's own overview, or one from the south that has all of its bounds in view."""
+        """The arena's own overview camera, or a view from the south that shows the whole arena."""
         camera = mujoco.MjvCamera()
         overview = mujoco.mj_name2id(self._model, mujoco.mjtObj.mjOBJ_CAMERA, "overview")
         if overview >= 0:
@@ -115,7 +135,7 @@ class _Stage:
         return camera
 
     def _geom(self) -> mujoco.MjvGeom | None:
-        """The scene's next free decoration, or None if it is full."""
+        """The next free decoration of the scene, or None if there is none left."""
         if self._scene.ngeom >= self._scene.maxgeom:
             return None
         self._scene.ngeom += 1
@@ -143,8 +163,19 @@ class _Stage:
             mujoco.mjv_connector(geom, kind, 0.016, *ends)
 
 
-def _open_gl(width: int, height: int) -> Any:
-    """A current OpenGL context: the one that MUJOCO_GL names, or the first that works."""
+def open_gl_context(width: int, height: int) -> Any:
+    """Open an OpenGL context off screen and make it current.
+
+    Args:
+        width: Width of the largest image, px.
+        height: Height of the largest image, px.
+
+    Returns:
+        The context of the back end that MUJOCO_GL names, or of the first one that works.
+
+    Raises:
+        NoOpenGLError: No back end works.
+    """
     asked = os.environ.get("MUJOCO_GL", "").lower()
     names = [asked] if asked in ("egl", "osmesa", "glfw") else ["egl", "osmesa"]
     if not asked and os.environ.get("DISPLAY"):
@@ -156,10 +187,10 @@ def _open_gl(width: int, height: int) -> Any:
             context = import_module(f"mujoco.{name}").GLContext(width, height)
             context.make_current()
             return context
-        except Exception as error:  # each backend fails in a way of its own, loading included
+        except Exception as error:  # each back end raises errors of its own, while loading too
             failures.append(f"{name}: {' '.join(str(error).split()) or type(error).__name__}")
             if platform is None:
                 os.environ.pop("PYOPENGL_PLATFORM", None)
-    raise _NoOpenGL(
+    raise NoOpenGLError(
         f"no OpenGL off screen ({'; '.join(failures)}); on Debian: apt-get install libegl1 libgl1"
     )

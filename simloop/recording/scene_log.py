@@ -1,34 +1,33 @@
-"""What never changes in a recording: the arena, the vehicle's shapes, and how lines are drawn."""
+"""Writes what never changes in a recording: the arena, the vehicle, and how lines are drawn."""
 
 from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from simloop.config import VehicleConfig
 from simloop.messages import FloatArray
-from simloop.recording.shapes import Body, Shape
-
-if TYPE_CHECKING:
-    import rerun as rr
+from simloop.recording.shapes import Scene, Shape
+from simloop.recording.stream import RecordingFile
 
 MAP = "map"
 ODOM = "map/odom"
 BASE = "map/odom/base_link"
 CAMERA = f"{BASE}/camera"
 
+_TRUE_COLOUR, _GOAL_COLOUR = [60, 150, 80], [40, 160, 70]
+# Colour, 0 to 255, and radius, m, of everything that is drawn during the run.
 _LINES = {
     f"{MAP}/plan/candidates": ([170, 196, 222], 0.004),
     f"{MAP}/plan/chosen": ([160, 60, 168], 0.008),
     f"{MAP}/path": ([30, 106, 201], 0.015),
     f"{MAP}/obstacle_discs": ([235, 130, 40], 0.006),
     f"{MAP}/movers": ([204, 82, 61], 0.012),
-    f"{MAP}/goal_told": ([40, 160, 70], 0.012),
+    f"{MAP}/goal_told": (_GOAL_COLOUR, 0.012),
     f"{MAP}/ellipse_95_x10": ([200, 40, 120], 0.006),
-    f"{MAP}/trails/truth": ([60, 150, 80], 0.01),
+    f"{MAP}/trails/truth": (_TRUE_COLOUR, 0.01),
     f"{MAP}/trails/belief": ([40, 44, 52], 0.006),
     f"{MAP}/trails/odometry": ([200, 170, 60], 0.005),
     f"{MAP}/trails/wheels": ([150, 110, 70], 0.005),
@@ -40,62 +39,57 @@ _POINTS = {
 }
 
 
-def log_scene(
-    stream: rr.RecordingStream,
-    shapes: Sequence[Shape],
-    bodies: Sequence[Body],
-    goal: FloatArray,
-    mounts: tuple[Sequence[float] | FloatArray, FloatArray | None],
-    vehicle: VehicleConfig,
-) -> None:
-    """Log frames, shapes, styles and the goal, all of them static.
+def log_scene(file: RecordingFile, scene: Scene) -> None:
+    """Write everything that never changes: frames, shapes, styles of lines, and the goal.
 
-    mounts: (3,) of the laser in base_link, and of the camera, if there is one.
+    Args:
+        file: The recording.
+        scene: What is to be seen.
     """
-    import rerun as rr
-
-    def log(entity: str, *what: Any) -> None:
-        stream.log(entity, *what, static=True)
-
-    log(MAP, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-    for entity, place in zip((f"{BASE}/laser", CAMERA), mounts, strict=True):
+    rr = file.rr
+    file.log_static(MAP, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
+    for entity, place in ((f"{BASE}/laser", scene.laser_m), (CAMERA, scene.camera_m)):
         if place is not None:
-            log(entity, rr.Transform3D(translation=place))
-    homes = {"world": f"{MAP}/arena", "base_link": BASE}
-    for body in bodies:
-        if body.name not in homes:
-            home = f"{homes[body.parent]}/{body.name}"
+            file.log_static(entity, rr.Transform3D(translation=place))
+    # A body is two entities: its place in the parent, and below it how its joint has moved.
+    entities = {"world": f"{MAP}/arena", "base_link": BASE}
+    for body in scene.bodies:
+        if body.name not in entities:
+            entity = f"{entities[body.parent]}/{body.name}"
             turn = rr.Quaternion(xyzw=body.quaternion_wxyz[[1, 2, 3, 0]])
-            log(home, rr.Transform3D(translation=body.position_m, quaternion=turn))
-            homes[body.name] = f"{home}/turned"
-    _log_shapes(log, shapes, homes)
-    x, y = 0.5 * vehicle.length_m, 0.5 * vehicle.width_m
+            file.log_static(entity, rr.Transform3D(translation=body.position_m, quaternion=turn))
+            entities[body.name] = f"{entity}/turned"
+    _log_shapes(file, scene.shapes, entities)
+    x, y = 0.5 * scene.vehicle.length_m, 0.5 * scene.vehicle.width_m
     ring = [[-x, -y, 0.005], [x, -y, 0.005], [x, y, 0.005], [-x, y, 0.005], [-x, -y, 0.005]]
-    log(f"{MAP}/truth/footprint", rr.LineStrips3D([ring], colors=[60, 150, 80], radii=0.008))
-    where = [[goal[0], goal[1], 0.004]]
-    log(
-        f"{MAP}/goal",
-        rr.Cylinders3D(
-            lengths=0.008, radii=0.1, centers=where, colors=[40, 160, 70], fill_mode="solid"
-        ),
+    outline = rr.LineStrips3D([ring], colors=_TRUE_COLOUR, radii=0.008)
+    file.log_static(f"{MAP}/truth/footprint", outline)
+    goal = rr.Cylinders3D(
+        lengths=0.008,
+        radii=0.1,
+        centers=[[*scene.goal_m[:2], 0.004]],
+        colors=_GOAL_COLOUR,
+        fill_mode="solid",
     )
+    file.log_static(f"{MAP}/goal", goal)
     for entity, (colour, radius) in _LINES.items():
-        log(entity, rr.LineStrips3D.from_fields(colors=[colour], radii=[radius]))
+        file.log_static(entity, rr.LineStrips3D.from_fields(colors=[colour], radii=[radius]))
     for entity, (colour, radius) in _POINTS.items():
-        log(entity, rr.Points3D.from_fields(colors=[colour], radii=[radius]))
+        file.log_static(entity, rr.Points3D.from_fields(colors=[colour], radii=[radius]))
 
 
-def _log_shapes(log: Any, shapes: Sequence[Shape], homes: dict[str, str]) -> None:
-    """Shapes of one kind on one body go into one entity; each mesh has its own."""
+def _log_shapes(file: RecordingFile, shapes: Sequence[Shape], entities: dict[str, str]) -> None:
+    """Write shapes of one kind on one body into one entity, and each mesh into its own."""
     groups: dict[tuple[str, str], list[Shape]] = defaultdict(list)
     for shape in shapes:
         name = shape.name if shape.kind == "mesh" else shape.kind
-        groups[homes[shape.body], name].append(shape)
-    for (home, name), group in groups.items():
-        log(f"{home}/shapes/{name}", *_archetype(group))
+        groups[entities[shape.body], name].append(shape)
+    for (entity, name), group in groups.items():
+        file.log_static(f"{entity}/shapes/{name}", *_archetypes(group))
 
 
-def _archetype(group: list[Shape]) -> list[Any]:
+def _archetypes(group: list[Shape]) -> list[Any]:
+    """The library's objects for shapes of one kind."""
     import rerun as rr
 
     kind = group[0].kind
@@ -119,7 +113,7 @@ def _archetype(group: list[Shape]) -> list[Any]:
             rr.Cylinders3D(lengths=2.0 * size[:, 1], radii=size[:, 0], centers=centres, **common)
         ]
     if kind == "capsule":
-        # A capsule's own frame begins at the centre of its lower ball.
+        # The library places a capsule by the centre of its lower ball, MJCF by its middle.
         lengths, z = 2.0 * size[:, 1], np.array([_axis(q) for q in turns])
         starts = centres - size[:, 1:2] * z
         return [rr.Capsules3D(lengths=lengths, radii=size[:, 0], translations=starts, **common)]
@@ -127,6 +121,7 @@ def _archetype(group: list[Shape]) -> list[Any]:
         half = size if kind == "ellipsoid" else np.repeat(size[:, :1], 3, axis=1)
         return [rr.Ellipsoids3D(half_sizes=half, centers=centres, **common)]
     if kind == "plane":
+        # A plane is drawn as a thin box below it, so that it does not hide the map.
         size = np.column_stack([size[:, :2], np.full(len(size), 1e-3)])
         centres = centres - [0.0, 0.0, 2e-3]
     return [rr.Boxes3D(half_sizes=size, centers=centres, **common)]

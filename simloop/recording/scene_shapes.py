@@ -1,4 +1,4 @@
-"""What of a compiled model is to be seen: its bodies and their shapes."""
+"""Reads the visible scene, its bodies and shapes, from a compiled model."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simloop.messages import FloatArray
-from simloop.physics.vehicle_geoms import is_free
-from simloop.recording.shapes import Body, Shape, ShapeKind
+from simloop.physics.vehicle_geoms import is_free, road_wheels
+from simloop.recording.shapes import Body, Scene, Shape, ShapeKind
+from simloop.scenario.build import World
+from simloop.scenario.scenario import Scenario
 
 _COLLISION_GROUP = 3
 _KINDS: dict[int, ShapeKind] = {
@@ -22,8 +24,52 @@ _KINDS: dict[int, ShapeKind] = {
 }
 
 
+def scene_of(scenario: Scenario, world: World) -> Scene:
+    """Describe what a recording of a run shows before it begins.
+
+    Args:
+        scenario: What is run.
+        world: Its built world.
+
+    Returns:
+        The scene; sizes and counts come from the compiled model.
+    """
+    model = world.model
+    return Scene(
+        scene_shapes(model),
+        scene_bodies(model),
+        np.array(world.floor.bounds_m),
+        np.array(scenario.start),
+        np.array(scenario.goal),
+        model.site("lidar").pos,
+        len(road_wheels(model)) // 2,
+        model.site("camera").pos if scenario.config.camera.enabled else None,
+        scenario.config.vehicle,
+        title_of(scenario),
+    )
+
+
+def title_of(scenario: Scenario) -> str:
+    """Name a recording or a contact sheet.
+
+    Args:
+        scenario: What is run.
+
+    Returns:
+        Title and seed.
+    """
+    return f"{scenario.title or scenario.name}, seed {scenario.seed}"
+
+
 def scene_shapes(model: mujoco.MjModel) -> list[Shape]:
-    """Everything that is to be seen: all geoms but those of the collision group."""
+    """List all visible geoms, which are those outside the collision group.
+
+    Args:
+        model: The compiled model.
+
+    Returns:
+        One shape for each visible geom.
+    """
     shapes = []
     for geom in range(model.ngeom):
         field = int(model.geom_type[geom]) == mujoco.mjtGeom.mjGEOM_HFIELD
@@ -59,6 +105,7 @@ def scene_shapes(model: mujoco.MjModel) -> list[Shape]:
 
 def _surface_of(model: mujoco.MjModel, field: int) -> tuple[FloatArray, NDArray[np.int32]]:
     """Vertices (n, 3), m, and triangles (m, 3) of a height field, in its geom's frame."""
+    # MuJoCo stores the heights by rows along y, scaled so that the highest is 1.
     rows, columns = int(model.hfield_nrow[field]), int(model.hfield_ncol[field])
     half_x, half_y, high, _ = model.hfield_size[field]
     start = int(model.hfield_adr[field])
@@ -71,12 +118,20 @@ def _surface_of(model: mujoco.MjModel, field: int) -> tuple[FloatArray, NDArray[
         part.ravel()
         for part in (number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1])
     )
+    # Two triangles for each cell with corners a, b (below) and d, c (above).
     faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
     return vertices, faces
 
 
 def scene_bodies(model: mujoco.MjModel) -> list[Body]:
-    """Every body but the world, parents first."""
+    """List every body except the world.
+
+    Args:
+        model: The compiled model.
+
+    Returns:
+        The bodies, parents first. A free body stands at the origin: its pose comes with the run.
+    """
     return [
         Body(
             model.body(i).name,

@@ -1,7 +1,7 @@
-"""Pictures of a run: eight moments, each with the planner's view, and one sheet of them all.
+"""Draws pictures of a run: eight moments with the planner's view, and one sheet of them all.
 
-After Sabiha 2022, Fig. 19. While the run goes on only references to its (immutable) messages
-are kept, about twice a second; all drawing is done at the end.
+After Sabiha 2022, Fig. 19. During the run only references to its read-only messages are kept,
+about twice a simulated second. All drawing is done after the run.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from simloop.messages import (
     WorldView,
 )
 from simloop.recording.belief_picture import PAPER, Belief, Image, PlannerView, write_text
-from simloop.recording.offscreen import _NoOpenGL, _Stage
+from simloop.recording.offscreen import NoOpenGLError, OffscreenScene
 from simloop.truth import LooseTruth, Published, Truth
 from simloop.worlds.arena import bounds_of
 
@@ -43,7 +43,18 @@ _GREY = (110, 104, 98)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Moment:
+class Moment:
+    """What one picture shows.
+
+    Attributes:
+        truth: Ground truth at this instant.
+        belief: What the robot believed.
+        mode: The driving mode.
+        plans: How many plans there were so far.
+        trail_length: How many of the kept true positions lie before this instant.
+        loose: Ground truth of bodies that can move, if there are any.
+    """
+
     truth: Truth
     belief: Belief
     mode: str
@@ -53,11 +64,9 @@ class _Moment:
 
 
 class Snapshots:
-    """A listener of the loop that draws what it heard.
+    """Listens to a run and draws pictures of it afterwards.
 
-    model: the arena with the vehicle. directory: made when the drawing is done. goal: (2,) in
-    map. Nothing that it does can be felt by the run. If no OpenGL can be had, it says so once
-    and draws the planner's views alone.
+    Without OpenGL one warning is logged, and only the planner's views are drawn.
     """
 
     def __init__(
@@ -70,6 +79,17 @@ class Snapshots:
         moments: int = 8,
         period_s: float = 0.5,
     ) -> None:
+        """Prepare to listen.
+
+        Args:
+            model: The arena with the vehicle.
+            directory: Where the pictures go; made when they are drawn.
+            goal: (2,) goal in map at the start, m.
+            vehicle: Size of the vehicle.
+            title: Heading of the sheet; may be empty.
+            moments: Number of pictures.
+            period_s: Simulated time between the moments that are kept for the choice.
+        """
         self._model, self._directory, self._title = model, Path(directory), title
         self._goal, self._count = np.array(goal[:2], float), moments
         self._vehicle = vehicle if vehicle is not None else VehicleConfig()
@@ -79,27 +99,34 @@ class Snapshots:
         self._plans = 0
         self._truths: list[FloatArray] = []
         self._estimates: list[FloatArray] = []
-        self._moments: list[_Moment] = []
+        self._moments: list[Moment] = []
         self._take: dict[type, Callable[[Any], None]] = {Truth: self._on_truth}
         for kind in (MapUpdate, WorldView, Plan, SmoothPath, TrackCommand, LidarScan, Estimate):
             self._take[kind] = self._keep
         self._take[LooseTruth] = self._take[GoalReading] = self._keep
 
     def offer(self, message: Published) -> None:
-        """Take one message; those of no use here are passed over."""
+        """Take one message; kinds that no picture shows are ignored.
+
+        Args:
+            message: Any message of the run.
+        """
         take = self._take.get(type(message))
         if take is not None:
             take(message)
 
     def finish(self) -> Path | None:
-        """Write ``moment_1.png`` ... and ``contact_sheet.png``; the sheet's path.
+        """Draw and write ``moment_1.png`` ... and ``contact_sheet.png``.
 
-        None if nothing was ever offered. Raises OSError if a file cannot be written.
+        Returns:
+            The path of the sheet; None if there was no message at all.
+
+        Raises:
+            OSError: A file cannot be written.
         """
-        if not self._latest.get(Truth):
+        chosen = self.chosen_moments()
+        if not chosen:
             return None
-        self._moments.append(self._moment())
-        chosen = self._chosen()
         self._directory.mkdir(parents=True, exist_ok=True)
         tiles = self._tiles(chosen)
         for number, tile in enumerate(tiles, start=1):
@@ -113,30 +140,31 @@ class Snapshots:
         if isinstance(message, LidarScan):
             self._scan_pose = None
         elif isinstance(message, Estimate) and self._scan_pose is None:
-            self._scan_pose = message.pose  # corrected by the scan's own match
+            self._scan_pose = message.pose  # the first estimate that includes the scan's match
         elif isinstance(message, Plan):
             self._plans += 1
 
     def _on_truth(self, truth: Truth) -> None:
-        # The truth opens a tick: a moment is what was known when the last tick ended. The first
-        # waits for the first map, a tenth of a second or so.
+        # The truth opens a control period: a moment shows what was known when the last one ended.
+        # The first moment waits for the first map, about a tenth of a second.
         last = self._latest.get(Truth)
-        patient = MapUpdate not in self._latest and truth.t_ns < self._period_ns
-        if last is not None and last.t_ns >= self._due_ns and not patient:
+        waits = MapUpdate not in self._latest and truth.t_ns < self._period_ns
+        if last is not None and last.t_ns >= self._due_ns and not waits:
             self._moments.append(self._moment())
             self._due_ns += self._period_ns
         self._latest[Truth] = truth
 
-    def _moment(self) -> _Moment:
+    def _moment(self) -> Moment:
+        """Keep what is known now."""
         known, truth = self._latest, self._latest[Truth]
         estimate, command = known.get(Estimate), known.get(TrackCommand)
-        told = known.get(GoalReading)
+        goal = known.get(GoalReading)
         pose = truth.pose_xyyaw if estimate is None else estimate.pose
         self._truths.append(truth.position_m)
         self._estimates.append(pose[:2])
         belief = Belief(
             pose,
-            self._goal if told is None else told.position_m,
+            self._goal if goal is None else goal.position_m,
             np.array(self._estimates),
             known.get(MapUpdate),
             known.get(WorldView),
@@ -146,41 +174,49 @@ class Snapshots:
             self._scan_pose,
         )
         mode = "" if command is None else command.mode
-        return _Moment(truth, belief, mode, self._plans, len(self._truths), known.get(LooseTruth))
+        return Moment(truth, belief, mode, self._plans, len(self._truths), known.get(LooseTruth))
 
-    def _chosen(self) -> list[_Moment]:
-        """Evenly spread in time, the first and the last among them, none twice."""
+    def chosen_moments(self) -> list[Moment]:
+        """Choose the moments of the pictures: spread evenly in time, none twice.
+
+        Returns:
+            The moments in order; the first and the present one are among them. Empty before the
+            first ground truth.
+        """
+        if Truth not in self._latest:
+            return []
+        self._moments.append(self._moment())
         times = np.array([moment.truth.t_ns for moment in self._moments])
         wanted = np.linspace(times[0], times[-1], self._count)
         nearest = {int(np.argmin(np.abs(times - t))) for t in wanted[:-1]} | {len(times) - 1}
         return [self._moments[i] for i in sorted(nearest)]
 
-    def _tiles(self, chosen: list[_Moment]) -> list[Image]:
+    def _tiles(self, chosen: list[Moment]) -> list[Image]:
         laser = self._model.site("lidar").pos[:2]
         view = PlannerView(bounds_of(self._model), _INSET_PX, self._vehicle, laser)
         insets = [view.draw(moment.belief) for moment in chosen]
         try:
-            with _Stage(self._model, _SCENE_PX) as stage:
+            with OffscreenScene(self._model, _SCENE_PX) as scene:
                 trail = np.array(self._truths)
                 scenes = [
-                    stage.shoot(
+                    scene.shoot(
                         m.truth, m.belief.path, trail[: m.trail_length], m.belief.goal, m.loose
                     )
                     for m in chosen
                 ]
-        except _NoOpenGL as error:
+        except NoOpenGLError as error:
             _log.warning("snapshots without the 3D scene: %s", error)
             return [self._flat_tile(m, inset) for m, inset in zip(chosen, insets, strict=True)]
         return [self._tile(m, s, i) for m, s, i in zip(chosen, scenes, insets, strict=True)]
 
-    def _tile(self, moment: _Moment, scene: Image, inset: Image) -> Image:
-        """The scene above, the planner's view and a caption below."""
+    def _tile(self, moment: Moment, scene: Image, inset: Image) -> Image:
+        """Put the scene above, the planner's view and a caption below."""
         flat = self._flat_tile(moment, inset)
         tile = np.full((len(scene) + len(flat), scene.shape[1], 3), PAPER, np.uint8)
         tile[: len(scene)], tile[len(scene) :] = scene, flat
         return tile
 
-    def _flat_tile(self, moment: _Moment, inset: Image) -> Image:
+    def _flat_tile(self, moment: Moment, inset: Image) -> Image:
         tile = np.full((_INSET_PX + 2 * _MARGIN_PX, _SCENE_PX[0], 3), PAPER, np.uint8)
         tile[_MARGIN_PX:-_MARGIN_PX, _MARGIN_PX : _MARGIN_PX + _INSET_PX] = inset
         truth, left = moment.truth, _INSET_PX + 3 * _MARGIN_PX

@@ -221,7 +221,7 @@ def printed(draw):
 def test_the_table_of_results_reads_well():
     text = printed(lambda console: print_result(console, METRICS))
     assert text.startswith("[odd] name, seed 3, planner tlbo: goal reached")
-    assert "shortest safe way 5.00 m (1.10 x)" in text and "1.000 deg" in text
+    assert "shortest safe path 5.00 m (1.10 x)" in text and "1.000 deg" in text
     assert "123,456 evaluations" in text and "\x1b" not in text
 
 

@@ -157,7 +157,7 @@ def drive(name, *overrides, seed=0):
         elif isinstance(message, Plan):
             plans.append(message)
 
-    result = Simulation(load(name, overrides, seed=seed), None, [hear]).run()
+    result = Simulation(load(name, overrides, seed=seed), [hear]).run()
     return result, texts, np.array(speeds), commands, plans
 
 

@@ -1,7 +1,7 @@
-"""A made-up run for the tests of recorder and snapshots: every kind of message, no loop.
+"""A made-up run for the tests of recordings and pictures: many kinds of message, no loop.
 
-The robot slides along the shortest safe path of the experiment's room; scans are rays cast in
-it, the map is painted from their ends, and the estimate is a little off.
+The robot slides along the shortest safe path of the experiment's room. Scans are rays cast in
+it, the map is painted from their ends, and the estimate has a small constant error.
 """
 
 from __future__ import annotations
@@ -31,7 +31,11 @@ from simloop.messages import (
     TrackCommand,
     WorldView,
 )
-from simloop.truth import Truth
+from simloop.physics.vehicle_geoms import road_wheels
+from simloop.recording.scene_shapes import scene_bodies, scene_shapes
+from simloop.recording.shapes import Scene
+from simloop.truth import Published, Truth
+from simloop.worlds.arena import bounds_of
 from simloop.worlds.cross_section import floor_plan
 
 GOAL = np.array([3.6, 3.9])
@@ -43,8 +47,29 @@ _RAYS = 360
 _CELL_M = 0.05
 
 
+def scene_of_model(
+    model: mujoco.MjModel, title: str = "", camera_m: np.ndarray | None = None
+) -> Scene:
+    """Describe the scene of the made-up run."""
+    return Scene(
+        scene_shapes(model),
+        scene_bodies(model),
+        bounds_of(model),
+        start=np.zeros(3),
+        goal_m=GOAL,
+        laser_m=np.array([0.0, 0.0, 0.2]),
+        road_wheels=len(road_wheels(model)) // 2,
+        camera_m=camera_m,
+        title=title,
+    )
+
+
 class SyntheticRun:
-    """Iterate over ``messages()``; ``counts`` then tells how many of each kind there were."""
+    """A run as a stream of messages.
+
+    Attributes:
+        counts: How many messages of each kind ``messages`` has given so far.
+    """
 
     def __init__(self, model: mujoco.MjModel, duration_s: float = 16.0) -> None:
         self.model, self.data = model, mujoco.MjData(model)
@@ -61,7 +86,8 @@ class SyntheticRun:
         self.ticks = round(duration_s * 100)
         self.counts: dict[str, int] = {}
 
-    def messages(self) -> Iterator[Message]:
+    def messages(self) -> Iterator[Published]:
+        """Give all messages of the run in order."""
         for tick in range(self.ticks + 1):
             for message in self._tick(tick):
                 name = type(message).__name__
@@ -69,11 +95,12 @@ class SyntheticRun:
                 yield message
 
     def pose(self, t_ns: int) -> np.ndarray:
+        """Return the true pose (3,) of base_link in map."""
         s = min(SPEED_MPS * t_ns * 1e-9, self._arc[-1])
         values = [self._path[:, 0], self._path[:, 1], self._yaw]
         return np.array([np.interp(s, self._arc, v) for v in values])
 
-    def _tick(self, tick: int) -> Iterator[Message]:
+    def _tick(self, tick: int) -> Iterator[Published]:
         t_ns = tick * TICK_NS
         pose, turn = self.pose(t_ns), SPEED_MPS * t_ns * 1e-9 / 0.037
         quaternion = np.array([math.cos(0.5 * pose[2]), 0.0, 0.0, math.sin(0.5 * pose[2])])
@@ -88,7 +115,7 @@ class SyntheticRun:
         yield EncoderReading(t_ns, counts, counts)
         yield ImuReading(t_ns, np.array([0.0, 0.0, 0.1]), np.array([0.0, 0.0, 9.81]))
         if tick % 10 == 0:
-            scan = self._scan(t_ns, pose)
+            scan = self.scan(t_ns)
             self._paint(scan, pose)
             yield scan
         yield TrackCommand(t_ns, SPEED_MPS, 0.1, np.array([9.5, 9.5]), np.array([14.0, 15.0]),
@@ -124,7 +151,9 @@ class SyntheticRun:
         yield SmoothPath(t_ns, xy.copy(), self._yaw[ahead], np.zeros(n), self._arc[ahead],
                          np.full(n, 0.31), True)  # fmt: skip
 
-    def _scan(self, t_ns: int, pose: np.ndarray) -> LidarScan:
+    def scan(self, t_ns: int) -> LidarScan:
+        """Cast one scan, all beams from the true pose at ``t_ns``."""
+        pose = self.pose(t_ns)
         angles = np.linspace(-math.pi, math.pi, _RAYS, endpoint=False)
         world = angles + pose[2]
         rays = np.stack([np.cos(world), np.sin(world), np.zeros(_RAYS)], axis=1)

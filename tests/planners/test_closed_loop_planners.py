@@ -14,9 +14,7 @@ from simloop.truth import Truth
 
 def drive(scenario, planner="tlbo", *overrides, seed=1000):
     heard = []
-    simulation = Simulation(
-        load(scenario, overrides, seed=seed, planner=planner), None, [heard.append]
-    )
+    simulation = Simulation(load(scenario, overrides, seed=seed, planner=planner), [heard.append])
     return simulation.run(), heard
 
 

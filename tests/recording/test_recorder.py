@@ -6,55 +6,27 @@ import os
 import subprocess
 import sys
 import textwrap
-from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.synthetic_run import GOAL, OFF, SyntheticRun
+from helpers.recordings import column, read, scalars
+from helpers.synthetic_run import OFF, SyntheticRun, scene_of_model
 
 from simloop.geometry.se2 import compose, compose_all
 from simloop.messages import DepthImage, LowObstacles, MapUpdate, Plan, WorldView
 from simloop.recording.columns import ellipses, nees, occupancy_percent
-from simloop.recording.recorder import TIMELINE, NullRecorder, RerunRecorder
-from simloop.recording.scene_shapes import scene_bodies, scene_shapes
+from simloop.recording.recorder import RerunRecorder
+from simloop.recording.scene_shapes import scene_shapes
 from simloop.truth import Truth
-from simloop.worlds.arena import bounds_of, build
+from simloop.worlds.arena import build
 
 MODEL = build("experiment")
 SECONDS = 5.0
 
 
 def recorder_to(path: Path) -> RerunRecorder:
-    return RerunRecorder(
-        path, scene_shapes(MODEL), scene_bodies(MODEL), bounds_of(MODEL), GOAL, title="made up"
-    )
-
-
-def read(path: Path) -> dict[str, list]:
-    """The chunks of a recording by entity, as tables."""
-    from rerun.chunk import RrdReader
-
-    found: dict[str, list] = defaultdict(list)
-    for chunk in RrdReader(str(path)).stream():
-        found[chunk.entity_path].append(chunk.to_record_batch())
-    return found
-
-
-def column(tables: list, component: str) -> tuple[np.ndarray, list]:
-    """Times in ns and values of one component, in order, static rows left out."""
-    times, values = [], []
-    for table in tables:
-        if TIMELINE in table.schema.names and component in table.schema.names:
-            times += table.column(TIMELINE).cast("int64").to_pylist()
-            values += table.column(component).to_pylist()
-    order = np.argsort(times, kind="stable")
-    return np.array(times)[order], [values[i] for i in order]
-
-
-def scalars(tables: list) -> tuple[np.ndarray, np.ndarray]:
-    times, values = column(tables, "Scalars:scalars")
-    return times, np.array(values)
+    return RerunRecorder(path, scene_of_model(MODEL, title="made up"))
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +50,7 @@ def found(recording: Path) -> dict[str, list]:
     return read(recording)
 
 
-def test_the_file_is_whole(recording: Path) -> None:
+def test_the_file_passes_the_librarys_check(recording: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "rerun", "rrd", "verify", str(recording)], capture_output=True
     )
@@ -107,7 +79,7 @@ def test_the_file_is_whole(recording: Path) -> None:
         ("nees", "Estimate", [0.008**2 / 1e-4 + 0.005**2 / 4e-4 + 0.004**2 / 1e-5]),
     ],
 )
-def test_every_figure_is_there_for_every_message(
+def test_each_message_has_a_row_in_its_plot(
     found: dict[str, list], run: SyntheticRun, entity: str, source: str, expected: list[float]
 ) -> None:
     times, values = scalars(found[f"/plots/{entity}"])
@@ -127,7 +99,7 @@ def transforms(tables: list) -> tuple[np.ndarray, np.ndarray]:
     return times, np.column_stack([xyz[:, :2], yaw])
 
 
-def test_the_frames_chain_to_the_belief(found: dict[str, list], run: SyntheticRun) -> None:
+def test_the_frames_combine_to_the_believed_pose(found: dict[str, list], run: SyntheticRun) -> None:
     times, map_from_odom = transforms(found["/map/odom"])
     again, odom_from_base = transforms(found["/map/odom/base_link"])
     assert np.array_equal(times, again)
@@ -138,15 +110,15 @@ def test_the_frames_chain_to_the_belief(found: dict[str, list], run: SyntheticRu
     assert odom_from_base[:, 1:] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_the_truth_is_where_it_is(found: dict[str, list], run: SyntheticRun) -> None:
+def test_the_true_pose_is_recorded(found: dict[str, list], run: SyntheticRun) -> None:
     times, poses = transforms(found["/map/truth"])
     assert poses == pytest.approx(np.array([run.pose(int(t)) for t in times]), abs=1e-6)
 
 
-def test_scans_lie_in_the_lasers_frame(found: dict[str, list], run: SyntheticRun) -> None:
+def test_scans_are_points_in_the_lasers_frame(found: dict[str, list], run: SyntheticRun) -> None:
     times, rows = column(found["/map/odom/base_link/laser/scan"], "Points3D:positions")
     assert len(times) == run.counts["LidarScan"] == 51
-    scan = run._scan(0, run.pose(0))
+    scan = run.scan(0)
     first = np.array(rows[0])
     assert len(first) == np.isfinite(scan.ranges_m).sum()
     assert np.hypot(*first[:, :2].T) == pytest.approx(scan.ranges_m, rel=1e-5)
@@ -174,7 +146,7 @@ def test_maps_plans_and_paths_are_there(found: dict[str, list]) -> None:
     assert np.array(trails[-1][0])[-1, :2] == pytest.approx(run.pose(5 * 10**9)[:2], abs=0.05)
 
 
-def test_events_are_told(found: dict[str, list]) -> None:
+def test_events_are_recorded_in_order(found: dict[str, list]) -> None:
     times, texts = column(found["/events"], "TextLog:text")
     lines = [row[0] for row in texts]
     assert lines.count("mode: follow") == 1
@@ -183,7 +155,7 @@ def test_events_are_told(found: dict[str, list]) -> None:
     assert np.all(np.diff(times) >= 0)
 
 
-def test_the_scene_is_there(found: dict[str, list]) -> None:
+def test_the_scene_is_recorded(found: dict[str, list]) -> None:
     def count(entity: str, component: str) -> int:
         return sum(
             len(t.column(component)[0]) for t in found[entity] if component in t.schema.names
@@ -212,20 +184,19 @@ def test_an_unfinished_file_is_readable_up_to_its_last_second(tmp_path: Path) ->
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
 @pytest.mark.parametrize("most_bytes", [700_000, 900_000])
-def test_a_full_disk_is_told_in_one_line_and_what_fitted_is_readable(
-    tmp_path: Path, most_bytes: int
-) -> None:
+def test_a_full_disk_gives_one_line_and_a_readable_file(tmp_path: Path, most_bytes: int) -> None:
     path = tmp_path / "full.rrd"
     child = textwrap.dedent(
         f"""
         import resource, sys
-        from pathlib import Path
         sys.path.insert(0, {str(Path(__file__).parents[1])!r})
-        sys.path.insert(0, {str(Path(__file__).parent)!r})
-        from test_recorder import MODEL, SyntheticRun, recorder_to
-        recorder = recorder_to(Path({str(path)!r}))
+        from helpers.synthetic_run import SyntheticRun, scene_of_model
+        from simloop.recording.recorder import RerunRecorder
+        from simloop.worlds.arena import build
+        model = build("experiment")
+        recorder = RerunRecorder({str(path)!r}, scene_of_model(model))
         resource.setrlimit(resource.RLIMIT_FSIZE, ({most_bytes}, {most_bytes}))
-        for message in SyntheticRun(MODEL, 5.0).messages():
+        for message in SyntheticRun(model, 5.0).messages():
             recorder.offer(message)
         recorder.close()
         print("the run went on")
@@ -261,11 +232,9 @@ def test_messages_without_discs_or_candidates_are_recorded(tmp_path: Path) -> No
     assert [len(r) for r in column(found["/map/obstacle_discs"], "LineStrips3D:strips")[1]] == [0]
 
 
-def test_a_cameras_images_and_what_is_remembered_of_them_are_there(tmp_path: Path) -> None:
+def test_depth_images_and_low_obstacles_are_recorded(tmp_path: Path) -> None:
     path, mount = tmp_path / "seen.rrd", np.array([0.2, 0.0, 0.16])
-    recorder = RerunRecorder(
-        path, scene_shapes(MODEL), scene_bodies(MODEL), bounds_of(MODEL), GOAL, camera_m=mount
-    )
+    recorder = RerunRecorder(path, scene_of_model(MODEL, camera_m=mount))
     depth = np.linspace(0.2, 3.0, 12, dtype=np.float32).reshape(3, 4)
     depth[0, 0] = np.inf
     for k in range(2):
@@ -285,31 +254,25 @@ def test_a_cameras_images_and_what_is_remembered_of_them_are_there(tmp_path: Pat
     assert [len(p) for p in places] == [0, 1]
 
 
-def test_the_library_is_not_loaded_before_it_is_asked_for() -> None:
+def test_the_library_is_imported_only_for_recording() -> None:
     code = "import simloop.recording.recorder, sys; print('rerun' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.stdout == "False\n"
 
 
-def test_the_null_recorder_keeps_nothing(run: SyntheticRun) -> None:
-    recorder = NullRecorder()
-    recorder.offer(next(iter(run.messages())))
-    recorder.close()
-
-
-def test_poses_compose_as_one_by_one() -> None:
+def test_many_poses_compose_like_single_ones() -> None:
     first, second = np.random.default_rng(1).uniform(-3.0, 3.0, (2, 20, 3))
     one_by_one = [compose(a, b) for a, b in zip(first, second, strict=True)]
     assert compose_all(first, second) == pytest.approx(np.array(one_by_one), abs=1e-12)
 
 
-def test_health_is_told_when_it_changes(found: dict[str, list]) -> None:
+def test_health_is_recorded_when_it_changes(found: dict[str, list]) -> None:
     times, values = scalars(found["/plots/health"])
     assert times.tolist() == [0, 10**9]
     assert values[:, 0].tolist() == [0.0, 1.0]
 
 
-def test_ellipses_hold_their_share_and_nees_its_mean() -> None:
+def test_ellipses_contain_95_percent_and_nees_has_the_right_mean() -> None:
     rng = np.random.default_rng(2)
     covariance = np.array([[4e-4, 1e-4], [1e-4, 1e-4]])
     points = rng.multivariate_normal([1.0, 2.0], covariance, 20_000)
@@ -322,13 +285,13 @@ def test_ellipses_hold_their_share_and_nees_its_mean() -> None:
     assert values.mean() == pytest.approx(2.0, abs=0.05)
 
 
-def test_occupancy_is_as_in_ros() -> None:
+def test_occupancy_has_the_values_of_ros() -> None:
     odds = np.array([[0.0, -5.0], [5.0, 0.4]], np.float32)
     assert occupancy_percent(odds).tolist() == [[255, 1], [99, 60]]
 
 
 def test_recording_is_cheap(tmp_path: Path) -> None:
-    """A ceiling that only a blunder would pass: one call of the library a message, say."""
+    """A high limit, for gross errors only, such as one call of the library for each message."""
     import time
 
     messages = list(SyntheticRun(MODEL, SECONDS).messages())

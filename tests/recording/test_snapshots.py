@@ -25,7 +25,7 @@ from simloop.recording.belief_picture import (
     PlannerView,
 )
 from simloop.recording.belief_picture import GOAL as GOAL_INK
-from simloop.recording.offscreen import _NoOpenGL, _open_gl
+from simloop.recording.offscreen import NoOpenGLError, open_gl_context
 from simloop.recording.snapshots import Snapshots
 from simloop.worlds.arena import build
 
@@ -40,8 +40,8 @@ def model() -> mujoco.MjModel:
 @pytest.fixture(scope="module")
 def has_gl() -> bool:
     try:
-        _open_gl(64, 64).free()
-    except _NoOpenGL:
+        open_gl_context(64, 64).free()
+    except NoOpenGLError:
         return False
     return True
 
@@ -54,7 +54,7 @@ def offered(model: mujoco.MjModel, directory: Path, duration_s: float) -> Snapsh
 
 
 def pixel(point: tuple[float, float]) -> tuple[int, int]:
-    """(row, column) of a point in map, in a view of BOUNDS at 500 px."""
+    """Row and column of a point in map, in a view of BOUNDS at 500 px."""
     return round(500 - (point[1] + 0.15) * 100), round((point[0] + 0.15) * 100)
 
 
@@ -66,7 +66,7 @@ def view(**knowledge: object) -> np.ndarray:
 
 
 def off_colour(image: np.ndarray, point: tuple[float, float], colour: tuple[int, ...]) -> float:
-    """How far the likeliest pixel next to a point in map is from a colour."""
+    """Least distance in colour of the nine pixels around a point in map."""
     row, column = pixel(point)
     around = image[row - 1 : row + 2, column - 1 : column + 2].astype(float)
     return float(np.abs(around - colour).sum(axis=2).min())
@@ -116,17 +116,15 @@ def test_a_run_of_one_instant_has_one_picture(
     assert sorted(p.name for p in tmp_path.iterdir()) == ["contact_sheet.png", "moment_1.png"]
 
 
-def test_nothing_offered_nothing_written(model: mujoco.MjModel, tmp_path: Path) -> None:
+def test_without_messages_nothing_is_written(model: mujoco.MjModel, tmp_path: Path) -> None:
     assert Snapshots(model, tmp_path / "none", GOAL).finish() is None
     assert not (tmp_path / "none").exists()
 
 
-def test_moments_are_evenly_spread_and_know_what_was_known_then(
+def test_moments_are_evenly_spread_and_show_what_was_known_then(
     model: mujoco.MjModel, tmp_path: Path
 ) -> None:
-    snapshots = offered(model, tmp_path, 12.0)
-    snapshots._moments.append(snapshots._moment())
-    chosen = snapshots._chosen()
+    chosen = offered(model, tmp_path, 12.0).chosen_moments()
     times = np.array([m.truth.t_ns for m in chosen]) * 1e-9
     assert len(times) == 8
     assert times[0] < 0.02

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from simloop.common.errors import InputError
 from simloop.config import VehicleConfig
 from simloop.loop import Simulation
-from simloop.messages import GoalReading, MoverTracks, TrackCommand
+from simloop.messages import GoalReading, MoverTracks, RobotStatus, TrackCommand
 from simloop.scenario.load import load
 from simloop.truth import LooseTruth
 from simloop.worlds.floor_plan import Section, rasterise
@@ -180,12 +180,11 @@ def driven(volts, **more):
     scenario = replace(load("hall", ["time_limit_s=6", "start=[1.0,1.0,0.0]"]), movers=(one,))
     sim = Simulation(replace(scenario, crowd=None))
 
-    def hand(encoders, *_):
+    def hand(readings):
         still = np.zeros(2)
-        return TrackCommand(encoders.t_ns, 0.0, 0.0, still, np.full(2, volts), "follow")
+        return TrackCommand(readings.encoders.t_ns, 0.0, 0.0, still, np.full(2, volts), "follow")
 
-    never = dict.fromkeys(("arrived", "lost", "unreachable", "gave_up"), False)
-    sim.robot = SimpleNamespace(step=hand, said=[], **never)
+    sim.robot = SimpleNamespace(step=hand, said=[], status=RobotStatus.DRIVING)
     return sim.run().metrics
 
 

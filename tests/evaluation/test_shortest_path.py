@@ -1,4 +1,4 @@
-"""The yardstick itself: known optima, a slow twin, and what must hold of every shortest path."""
+"""The shortest path: known optima, a slow reference version, and properties of every path."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_the_papers_four_obstacles():
     assert plan.clearance_m(way.xy_m).min() >= 0.30 - 1e-6
 
 
-def test_nothing_in_the_way_is_a_straight_line():
+def test_without_obstacles_the_path_is_straight():
     _, way = solve([], (0, 0), (3, 4), 0.25)
     assert way.length_m == pytest.approx(5.0) and len(way.xy_m) == 2
     assert solve([disc(0, 5, 1)], (0, 0), (0, 0), 0.25)[1].length_m == 0.0
@@ -68,16 +68,17 @@ def test_a_gap_is_passed_exactly_when_the_disc_fits():
     assert solve(wall(0.498), (-1, 0), (1, 0), 0.25)[1].length_m > 8.0
 
 
-def test_no_way_is_none():
+def test_no_path_is_none():
     ring = [box(0, 2, 4.2, 0.1), box(0, -2, 4.2, 0.1), box(2, 0, 0.1, 4.2), box(-2, 0, 0.1, 4.2)]
     assert solve(ring, (0, 0), (5, 5), 0.25)[1] is None
     assert solve([disc(1, 0, 0.5)], (0, 0), (1.6, 0), 0.25)[1] is None  # the goal is too near
 
 
-def slow_twin(plan, start, goal, radius):
-    """Straight lines among many points round every swollen vertex, each checked by small steps.
+def slow_reference(plan, start, goal, radius):
+    """Search straight lines among many points around every grown vertex, checked by small steps.
 
-    The points lie just outside the arcs, so that chords keep clear: never too short.
+    The points lie just outside the arcs, so that the chords between them are free. The result is
+    therefore never too short.
     """
     count = 36
     angle = 2 * math.pi * np.arange(count) / count
@@ -108,7 +109,7 @@ def slow_twin(plan, start, goal, radius):
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_agrees_with_the_slow_twin(seed):
+def test_agrees_with_the_slow_reference(seed):
     rng = np.random.default_rng(seed)
     sections = []
     while len(sections) < 6:
@@ -119,7 +120,7 @@ def test_agrees_with_the_slow_twin(seed):
         if rasterise([new], BOX, 1.0).clearance_m(np.array([[0, 0], [4, 4]])).min() > 0.3:
             sections.append(new)
     plan, way = solve(sections, (0, 0), (4, 4), 0.25)
-    slow = slow_twin(plan, (0, 0), (4, 4), 0.25)
+    slow = slow_reference(plan, (0, 0), (4, 4), 0.25)
     assert way.length_m <= slow + 2e-3
     assert way.length_m == pytest.approx(slow, rel=5e-3)
 
@@ -161,7 +162,7 @@ def test_every_path_is_safe_connected_and_the_same_both_ways(sections, start, go
 
 @given(SHAPES, ENDS, ENDS)
 @settings(max_examples=30)
-def test_an_obstacle_more_never_shortens_the_way(sections, start, goal):
+def test_one_more_obstacle_never_shortens_the_path(sections, start, goal):
     more = solve(sections, start, goal, 0.25)[1]
     less = solve(sections[:-1], start, goal, 0.25)[1]
     if more is not None:

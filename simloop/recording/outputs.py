@@ -1,0 +1,99 @@
+"""Where the results of a run go."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from simloop.common.errors import InputError
+from simloop.common.files import check_directory, check_file, write_text
+from simloop.scenario.save import to_toml
+from simloop.scenario.scenario import Scenario
+
+
+@dataclass(frozen=True, slots=True)
+class Outputs:
+    """The output files of a run; None for what nobody asked for.
+
+    Attributes:
+        recording: A recording for the rerun viewer.
+        snapshots: A folder for pictures.
+        result: The figures as JSON.
+        config: The effective scenario, beside the result.
+    """
+
+    recording: Path | None = None
+    snapshots: Path | None = None
+    result: Path | None = None
+    config: Path | None = None
+
+    def check(self, source: Path | None = None) -> None:
+        """Make sure that everything can be written; this leaves no trace.
+
+        Args:
+            source: The file that describes the run. No output may replace it.
+
+        Raises:
+            InputError: An output cannot be written, or it would replace another file of the run.
+        """
+        taken = {} if source is None else {source.resolve(): "the scenario itself"}
+        named = (("--record", self.recording), ("--json", self.result), ("config", self.config))
+        for flag, file in named:
+            if file is not None and not (file.exists() and not file.is_file()):
+                if file.resolve() in taken:
+                    raise InputError(f"{flag} {file}: would overwrite {taken[file.resolve()]}")
+                taken[file.resolve()] = f"what {flag} writes"
+        for flag, file in (("--record", self.recording), ("--json", self.result)):
+            if file is not None:
+                check_file(file, flag)
+        if self.config is not None:
+            check_file(self.config, "--json")
+        if self.snapshots is not None:
+            check_directory(self.snapshots, "--snapshots")
+
+    def prepare(self) -> None:
+        """Make the folders that the files need.
+
+        Raises:
+            InputError: A folder cannot be made.
+        """
+        for file in (self.recording, self.result, self.config):
+            if file is not None:
+                _make(file.parent)
+        if self.snapshots is not None:
+            _make(self.snapshots)
+
+    def write_result(self, metrics: Mapping[str, Any]) -> None:
+        """Write the figures as JSON.
+
+        Args:
+            metrics: The figures of the run.
+
+        Raises:
+            InputError: The file cannot be written.
+        """
+        if self.result is not None:
+            write_text(self.result, json.dumps(metrics, indent=2, allow_nan=False) + "\n")
+
+    def write_config(self, scenario: Scenario, versions: Mapping[str, str]) -> None:
+        """Write the effective scenario, which ``simloop run`` takes again for the same run.
+
+        Args:
+            scenario: What is run.
+            versions: Versions of the packages, for a comment.
+
+        Raises:
+            InputError: The file cannot be written.
+        """
+        if self.config is not None:
+            write_text(self.config, to_toml(scenario, versions))
+
+
+def _make(directory: Path) -> None:
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{directory}: cannot be made: {error.strerror}") from None
