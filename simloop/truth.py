@@ -15,7 +15,8 @@ class Truth(BaseMessage):
     pose_xyyaw: (3,) base_link in map, m, m, rad.
     position_m: (3,) base_link origin in the world; quaternion_wxyz: (4,).
     velocity_body: (6,) linear m/s then angular rad/s, in base_link.
-    acceleration_mps2: (3,) proper acceleration at the IMU (what an ideal accelerometer reads).
+    acceleration_mps2: (3,) proper acceleration at the model's site ``imu``, in base_link's axes,
+        mean over the last control period: what an ideal accelerometer there reads.
     sprocket_rad, sprocket_radps: (2,) left, right.
     motor_current_a, motor_voltage_v: (2,) left, right.
     energy_j: electrical energy drawn from the battery since the start.

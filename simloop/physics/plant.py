@@ -37,6 +37,7 @@ from simloop.physics.truth_kernels import (
     VOLTAGE,
     carry_ranges,
     motion_now,
+    point_velocity,
 )
 from simloop.physics.vehicle_geoms import (
     SEEN_GROUPS,
@@ -44,6 +45,7 @@ from simloop.physics.vehicle_geoms import (
     ground_height,
     is_free,
     road_wheels,
+    site_in_base,
 )
 from simloop.truth import LooseTruth, TrackTruth, Truth
 
@@ -104,6 +106,7 @@ class Plant:
         self._base = model.body("base_link").id
         self._qpos, self._qvel = self.data.qpos[at:], self.data.qvel[dof:]  # views that stay
         self._period_s = config.rates.control_s
+        self._imu = site_in_base(model, "imu")
         self._block = state_block(len(wheels))
         self._state = TrackState.within(self._block)
         self._voltage = np.zeros(2)
@@ -220,7 +223,7 @@ class Plant:
         self._state.work[:] = 0.0
         self.data.time = 0.0
         self.t_ns, self._contacts, self._hits, self._touching = 0, 0, 0, False
-        return self.truth(self._qvel[:3].copy())
+        return self.truth(self._imu_velocity())
 
     def _stand(self, pose: FloatArray) -> None:
         """Set place and heading to a pose (3,) on level ground; the height stays."""
@@ -257,7 +260,7 @@ class Plant:
     def step(self, voltage_v: FloatArray) -> Truth:
         """Advance one control period under the motor voltages (2,) left, right."""
         self._voltage[:] = voltage_v
-        before = self._qvel[:3].copy()
+        before = self._imu_velocity()
         for _ in range(self.substeps):
             if self._way is not None:
                 self.data.mocap_pos[:, :2] += self._way
@@ -322,9 +325,16 @@ class Plant:
         return not self._voltage.any() and bool(pushed or belts < _STILL_MPS)
 
     def truth(self, velocity_before: FloatArray) -> Truth:
-        """The truth now. velocity_before: (3,) world velocity one control period ago.
+        """The truth now.
 
-        The proper acceleration is the mean over that period, as an averaging sensor has it.
+        The proper acceleration is the mean over the last control period, as an averaging sensor
+        has it, in the axes of the period's end.
+
+        Args:
+            velocity_before: (3,) the IMU's velocity in the world one control period ago, m/s.
+
+        Returns:
+            The truth, whose arrays are its own.
         """
         block = motion_now(
             self._qpos,
@@ -333,8 +343,9 @@ class Plant:
             self._sprocket_dof,
             self._state.current,
             self._voltage,
-            self._body.rotation,
+            self._imu,
             velocity_before,
+            self.model.opt.gravity,
             self._period_s,
         )
         return Truth(
@@ -354,9 +365,13 @@ class Plant:
             hit_count=self._hits,
         )
 
+    def _imu_velocity(self) -> FloatArray:
+        """(3,) m/s, in the world, now."""
+        return point_velocity(self._qpos, self._qvel, self._imu)
+
     def track_truth(self) -> TrackTruth:
         """What the tracks do now. Their centres of rotation: Martinez et al. 2005."""
-        velocity = self.truth(self._qvel[:3]).velocity_body
+        velocity = self.truth(self._imu_velocity()).velocity_body
         belts = self._radius_m * self._qvel[self._sprocket_dof]
         icr = np.full(3, np.nan)
         if abs(velocity[5]) > _TURNING_RADPS:

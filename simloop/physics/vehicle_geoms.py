@@ -52,6 +52,27 @@ def road_wheels(model: mujoco.MjModel) -> list[int]:
     return sides[0] + sides[1]
 
 
+def site_in_base(model: mujoco.MjModel, name: str) -> FloatArray:
+    """Where a site of the vehicle's chassis is.
+
+    Args:
+        model: an arena with the vehicle.
+        name: the site's name.
+
+    Returns:
+        (3,) in base_link, m; zeros where the vehicle has no such site.
+
+    Raises:
+        ValueError: the site is not fixed to base_link itself.
+    """
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name)
+    if index < 0:
+        return np.zeros(3)
+    if model.site_bodyid[index] != model.body("base_link").id:
+        raise ValueError(f"site '{name}' must be in the body base_link")
+    return np.array(model.site_pos[index], np.float64)
+
+
 def is_free(model: mujoco.MjModel, body: int) -> bool:
     """Whether a body hangs on a free joint: its own pose is then all of its joint's."""
     joint = int(model.body_jntadr[body])
