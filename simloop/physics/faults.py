@@ -119,7 +119,8 @@ class Faults:
 
     def __init__(self, faults: Sequence[Fault], rng: np.random.Generator) -> None:
         self._faults, self._rng = tuple(faults), rng
-        self._stuck: list[int | None] = [None, None]
+        self._held: list[int | None] = [None, None]  # counts, left and right, while stuck
+        self._lost = [0, 0]  # pulses
         self._encoders: EncoderReading | None = None
         self._imu: ImuReading | None = None
         self._late: list[tuple[int, LidarScan]] = []
@@ -147,31 +148,43 @@ class Faults:
 
     def encoders(self, reading: EncoderReading) -> EncoderReading:
         """What the robot hears of the encoders; the last reading again where none comes."""
-        for fault in self._of("encoder_stuck", "encoders_silent"):
-            if not fault.on(reading.t_ns):
-                continue
-            if fault.kind == "encoders_silent":
-                return self._encoders or reading
-            side = int(fault.side == "right")
-            name = ("left_counts", "right_counts")[side]
-            counts = self._stuck[side]
-            if counts is None:
-                counts = self._stuck[side] = getattr(reading, name)
-            reading = replace(reading, **{name: counts})
-        self._encoders = reading
-        return reading
+        reading = self._stick(reading)
+        silent = any(fault.on(reading.t_ns) for fault in self._of("encoders_silent"))
+        if self._encoders is None or not silent:
+            self._encoders = reading
+        return self._encoders
 
     def imu(self, reading: ImuReading) -> ImuReading:
         """What the robot hears of the IMU; the last reading again where none comes."""
-        for fault in self._of("gyro_jump", "imu_silent"):
-            if not fault.on(reading.t_ns):
-                continue
-            if fault.kind == "imu_silent":
-                return self._imu or reading
-            gyro = reading.gyro_radps + np.array([0.0, 0.0, fault.bias_radps])
-            reading = ImuReading(reading.t_ns, gyro, reading.accel_mps2)
-        self._imu = reading
-        return reading
+        for fault in self._of("gyro_jump"):
+            if fault.on(reading.t_ns):
+                gyro = reading.gyro_radps + np.array([0.0, 0.0, fault.bias_radps])
+                reading = ImuReading(reading.t_ns, gyro, reading.accel_mps2)
+        silent = any(fault.on(reading.t_ns) for fault in self._of("imu_silent"))
+        if self._imu is None or not silent:
+            self._imu = reading
+        return self._imu
+
+    def _stick(self, reading: EncoderReading) -> EncoderReading:
+        """Hold the counts of stuck encoders.
+
+        A quadrature counter only adds pulses. Those that come while it is stuck are lost for good,
+        so that it counts on from the held count afterwards.
+        """
+        faults = self._of("encoder_stuck")
+        if not faults:
+            return reading
+        stuck = {fault.side for fault in faults if fault.on(reading.t_ns)}
+        counts = [reading.left_counts, reading.right_counts]
+        for i, side in enumerate(("left", "right")):
+            if side not in stuck:
+                self._held[i] = None
+            elif (held := self._held[i]) is None:
+                self._held[i] = counts[i] - self._lost[i]
+            else:
+                self._lost[i] = counts[i] - held
+            counts[i] -= self._lost[i]
+        return EncoderReading(reading.t_ns, *counts)
 
     def scan(self, scan: LidarScan | None, t_ns: int) -> LidarScan | None:
         """What the robot hears of the LiDAR at an instant."""
