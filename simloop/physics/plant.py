@@ -55,17 +55,15 @@ _STILL_MPS = 0.01  # of the belts: what stands
 _WHEEL_M = 0.06  # about a road wheel, what is under it; well within its own side
 
 
-def _of_its_own(model: mujoco.MjModel, config: Config) -> mujoco.MjModel:
-    """The model with this configuration's step and rotors: a copy, unless it has them already.
+def _own_copy(model: mujoco.MjModel, config: Config) -> mujoco.MjModel:
+    """A copy with this configuration's step and rotors.
 
-    One world may serve several plants at once.
+    One world may serve several plants, and each step writes the joints' friction into the model.
     """
-    step_s, inertia = config.rates.physics_s, config.motor.rotor_inertia_kgm2
+    model = copy.copy(model)
+    model.opt.timestep = config.rates.physics_s
     dofs = [model.joint(f"sprocket_{side}_joint").dofadr[0] for side in ("left", "right")]
-    if model.opt.timestep != step_s or np.any(model.dof_armature[dofs] != inertia):
-        model = copy.copy(model)
-        model.opt.timestep = step_s
-        model.dof_armature[dofs] = inertia
+    model.dof_armature[dofs] = config.motor.rotor_inertia_kgm2
     return model
 
 
@@ -76,7 +74,8 @@ class Plant:
     """
 
     def __init__(self, model: mujoco.MjModel, config: Config) -> None:
-        self.model = model = _of_its_own(model, config)
+        self.model = model = _own_copy(model, config)
+        self._joint_friction = model.dof_frictionloss.copy()
         self.data = mujoco.MjData(model)
         self.substeps = round(config.rates.control_s / config.rates.physics_s)
         self._dt_ns = round(config.rates.physics_s * 1e9)
@@ -211,10 +210,11 @@ class Plant:
         braked: whether the holding brakes are on from the beginning.
         """
         mujoco.mj_resetData(self.model, self.data)
+        self.model.dof_frictionloss[:] = self._joint_friction
+        self._zones, self._way = self._ground, None
         self._qpos[2] = 0.001 + self._under(pose)
         self._stand(pose)
-        for array in self._state:
-            array[...] = 0
+        self._block[:] = state_block(len(self._wheel_geoms))
         self._voltage[:] = 0.0
         self._braked = braked
         mujoco.mj_forward(self.model, self.data)
