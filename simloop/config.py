@@ -125,7 +125,7 @@ class MotorConfig:
 class VehicleConfig:
     """The robot's body, as its own software knows it (Sabiha 2022, Table 3).
 
-    sprocket_radius_m is the plant's too; all else of the plant stands in the vehicle's model.
+    It changes nothing of the plant, whose true measures stand in the vehicle's model.
     """
 
     gauge_m: Length = 0.39

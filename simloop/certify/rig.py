@@ -21,7 +21,6 @@ from simloop.config import (
     PayloadConfig,
     RatesConfig,
     TracksConfig,
-    VehicleConfig,
 )
 from simloop.messages import FloatArray
 from simloop.physics import track_theory as theory
@@ -31,7 +30,8 @@ from simloop.worlds.arena import add_payload
 
 GRAVITY_MPS2 = 9.81
 CONTROL_S = 0.01
-RADIUS_M = VehicleConfig().sprocket_radius_m
+RADIUS_M = 0.037
+"""Of the sprockets of models/tracked_ugv.xml."""
 _HEAVY_KGM2, _HEAVY_KG = 1e4, 1e3
 _ROUGH_CELLS = 201
 

@@ -46,6 +46,7 @@ from simloop.physics.vehicle_geoms import (
     is_free,
     road_wheels,
     site_in_base,
+    sprocket_radius,
 )
 from simloop.truth import LooseTruth, TrackTruth, Truth
 
@@ -79,19 +80,18 @@ class Plant:
         self.data = mujoco.MjData(model)
         self.substeps = round(config.rates.control_s / config.rates.physics_s)
         self._dt_ns = round(config.rates.physics_s * 1e9)
-        wheels = road_wheels(model)
+        wheels, self._radius_m = road_wheels(model), sprocket_radius(model)
         x = model.geom_pos[wheels, 0]
         self._parameters = as_block(
             track_parameters(
                 config.tracks,
                 config.motor,
-                config.vehicle,
+                self._radius_m,
                 config.rates.physics_s,
                 0.5 * float(x[0] - x[len(x) // 2 - 1]) / (len(x) // 2 - 1),
                 _GRAVITY_MPS2 * float(model.body_subtreemass[model.body("base_link").id]),
             )
         )
-        self._radius_m = config.vehicle.sprocket_radius_m
         self._ground = friction_map(config.tracks.zones, config.tracks.friction_image)
         self._zones = self._ground
         self._wheel_geoms = wheels
@@ -139,6 +139,11 @@ class Plant:
     def tracks(self) -> TrackState:
         """The tracks' inner state: brush displacements, wheel loads, currents, forces."""
         return self._state
+
+    @property
+    def sprocket_radius_m(self) -> float:
+        """The sprockets' true radius, m, which the robot may believe to be another."""
+        return self._radius_m
 
     @property
     def base_from_laser(self) -> FloatArray:

@@ -24,7 +24,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from simloop.common.grey_image import read_grey
-from simloop.config import FrictionImage, FrictionZone, MotorConfig, TracksConfig, VehicleConfig
+from simloop.config import FrictionImage, FrictionZone, MotorConfig, TracksConfig
 from simloop.messages import FloatArray
 
 # What a geom is, as the kernel sees it; road wheel i is WHEEL + i.
@@ -182,18 +182,19 @@ class Geoms(NamedTuple):
 def track_parameters(
     tracks: TracksConfig,
     motor: MotorConfig,
-    vehicle: VehicleConfig,
+    radius_m: float,
     dt_s: float,
     cell_m: float = 0.415 / 12,
     weight_n: float = 98.1,
 ) -> TrackParameters:
-    """The kernel's constants. cell_m: half a road wheel's share of the belt."""
+    """The kernel's constants. radius_m: of the sprockets. cell_m: half a road wheel's share of the
+    belt."""
     return TrackParameters(
         friction=tracks.friction,
         shear_modulus=tracks.shear_modulus_m,
         shear_damping=tracks.shear_damping_s,
         rolling_resistance=tracks.rolling_resistance,
-        radius=vehicle.sprocket_radius_m,
+        radius=radius_m,
         resistance=motor.resistance_ohm,
         torque_per_a=motor.torque_nm_per_a,
         back_emf=motor.back_emf_v_per_radps,

@@ -73,6 +73,33 @@ def site_in_base(model: mujoco.MjModel, name: str) -> FloatArray:
     return np.array(model.site_pos[index], np.float64)
 
 
+def sprocket_radius(model: mujoco.MjModel) -> float:
+    """The radius at which the belts run round the sprockets.
+
+    Args:
+        model: an arena with the vehicle, whose sites ``sprocket_left_rim`` and
+            ``sprocket_right_rim`` are cylinders of that radius.
+
+    Returns:
+        The radius, m.
+
+    Raises:
+        ValueError: a site is missing, or the two differ.
+    """
+    radii = []
+    for name in ("sprocket_left_rim", "sprocket_right_rim"):
+        index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name)
+        if index < 0:
+            raise ValueError(f"the vehicle has no site '{name}', which gives its sprocket's radius")
+        radii.append(float(model.site_size[index, 0]))
+    if radii[0] != radii[1]:
+        raise ValueError(
+            f"both sprockets must have the same radius, but sprocket_left_rim has {radii[0]:g} m "
+            f"and sprocket_right_rim {radii[1]:g} m"
+        )
+    return radii[0]
+
+
 def is_free(model: mujoco.MjModel, body: int) -> bool:
     """Whether a body hangs on a free joint: its own pose is then all of its joint's."""
     joint = int(model.body_jntadr[body])

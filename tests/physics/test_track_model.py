@@ -90,7 +90,7 @@ def test_straight_ahead_the_belt_carries_the_robot_without_slip():
 
 
 def test_no_load_and_rated_speed_are_the_motors_own():
-    p = track_parameters(TracksConfig(), MotorConfig(), VEHICLE, 0.002)
+    p = track_parameters(TracksConfig(), MotorConfig(), VEHICLE.sprocket_radius_m, 0.002)
     assert motor_current(24.0, 143 * 2 * math.pi / 60, p) == pytest.approx(0.5, rel=0.01)
     assert motor_current(24.0, 0.0, p) == 5.0
     assert motor_current(-24.0, 0.0, p) == -5.0
