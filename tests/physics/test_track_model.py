@@ -20,7 +20,7 @@ from simloop.config import (
     VehicleConfig,
 )
 from simloop.physics.plant import Plant
-from simloop.physics.track_kernel import _patch_of
+from simloop.physics.track_contacts import patch_of
 from simloop.physics.track_model import (
     friction_at,
     friction_map,
@@ -216,10 +216,10 @@ def test_a_patch_is_known_again_by_its_normal_and_by_what_it_lies_on():
     state = state_block(12)[0]
     touched = state["touched"][:12]
     touched[:] = 0.0
-    first = _patch_of(state, touched, 3, 0, 0.0, 0.0, 1.0)
+    first = patch_of(state, touched, 3, 0, 0.0, 0.0, 1.0)
     state["mean"][3, first] = 5e-4  # strained
     touched[3, first, 0] = 10.0
-    assert _patch_of(state, touched, 3, 0, 0.05, 0.0, 0.998) == first
-    on_a_sled = _patch_of(state, touched, 3, 7, 0.0, 0.0, 1.0)
+    assert patch_of(state, touched, 3, 0, 0.05, 0.0, 0.998) == first
+    on_a_sled = patch_of(state, touched, 3, 7, 0.0, 0.0, 1.0)
     assert on_a_sled != first and not state["mean"][3, on_a_sled].any()
-    assert _patch_of(state, touched, 3, 0, 1.0, 0.0, 0.0) != first  # a step's edge
+    assert patch_of(state, touched, 3, 0, 1.0, 0.0, 0.0) != first  # a step's edge
