@@ -1,7 +1,4 @@
-"""The plant's compiled kernels: the motion that a truth tells of, and ranges carried along.
-
-Their plain twins stand in the tests.
-"""
+"""The compiled kernel that fills a `Truth`: pose, velocity, and what the IMU feels."""
 
 from __future__ import annotations
 
@@ -12,42 +9,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 from simloop.messages import FloatArray
-
-_GRAZING = 0.15  # cosine between a ray and the surface's normal below which it grazes
-_FAR_M = 0.01
-
-
-@njit(cache=True)
-def carry_ranges(
-    ranges: FloatArray,
-    normals: FloatArray,
-    directions: FloatArray,
-    origins: FloatArray,
-    middle: FloatArray,
-    cutoff: float,
-) -> NDArray[np.int64]:
-    """Carry ranges (n,) in place from ``middle`` (3,) to ``origins`` (n, 3), surfaces being planes.
-
-    r' = r - (d . n) / (u . n) with n the surface's normal, d the offset, u the ray; -1 beyond
-    ``cutoff``. Returns the indices of rays that meet their surface at too flat an angle for that.
-    """
-    flat = np.empty(ranges.shape[0], np.int64)
-    count = 0
-    for i in range(ranges.shape[0]):
-        if ranges[i] < 0.0:
-            continue
-        along, off = 0.0, 0.0
-        for k in range(3):
-            along += directions[i, k] * normals[i, k]
-            off += (origins[i, k] - middle[k]) * normals[i, k]
-        if abs(along) < _GRAZING or abs(off) > _FAR_M:
-            flat[count] = i
-            count += 1
-        else:
-            ranges[i] -= off / along
-            if ranges[i] > cutoff:
-                ranges[i] = -1.0
-    return flat[:count]
 
 
 @njit(cache=True)
