@@ -13,6 +13,7 @@ import numpy as np
 from simloop import certify
 from simloop.certify.checks import Check
 from simloop.physics import track_theory as theory
+from simloop.physics import turning_theory
 
 FIGURES = Path(__file__).resolve().parent.parent / "docs" / "figures"
 GAUGE_M, LENGTH_M, MODULUS_M = 0.39, 0.415, 0.001
@@ -39,7 +40,7 @@ def save(axes: matplotlib.axes.Axes, name: str) -> None:
 def spin(axes: matplotlib.axes.Axes) -> None:
     """chi over L/B, and MuJoCo's own friction at our vehicle's."""
     ratios = np.linspace(0.6, 2.6, 80)
-    closed = [theory.spin_ratio(ratio * GAUGE_M, GAUGE_M) for ratio in ratios]
+    closed = [turning_theory.spin_ratio(ratio * GAUGE_M, GAUGE_M) for ratio in ratios]
     axes.plot(ratios, closed, "k-", lw=1, label="closed form, B F = 2 m")
     points = checks("spin", "L/B ")
     axes.plot([x for x, _ in points], [c.value for _, c in points], "o", label="simloop")

@@ -13,6 +13,7 @@ from simloop.certify.checks import Check, absolute, at_most, relative, verdict
 from simloop.certify.rig import GRAVITY_MPS2, RADIUS_M, Bench, Block, Rig
 from simloop.config import FrictionZone
 from simloop.physics import track_theory as theory
+from simloop.physics import turning_theory
 
 _SEED = 20261125
 _BEARINGS: tuple[tuple[str, Literal["rail", "pivot"], float], ...] = (
@@ -181,7 +182,9 @@ def _turntable() -> Iterator[Check]:
     left, right = bench.belts_mps()
     turned = bench.motion()[2] - float(data.qvel[model.jnt_dofadr[-1]])
     chi = turned * bench.rig.gauge_m / (right - left)
-    yield relative("turntable", "spin ratio on it", chi, theory.spin_ratio(0.415, 0.39), 0.005)
+    yield relative(
+        "turntable", "spin ratio on it", chi, turning_theory.spin_ratio(0.415, 0.39), 0.005
+    )
 
 
 def steps() -> Iterator[Check]:

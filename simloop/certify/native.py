@@ -9,12 +9,12 @@ import numpy as np
 
 from simloop.certify.checks import Check, absolute, relative
 from simloop.certify.rig import RADIUS_M, Rig
-from simloop.physics import track_theory as theory
+from simloop.physics import turning_theory
 
 
 def native() -> Iterator[Check]:
     """Turning on the spot with ``surfacevel`` on the road wheels: it turns too little, and hops."""
-    expected = theory.spin_ratio(0.415, 0.39)
+    expected = turning_theory.spin_ratio(0.415, 0.39)
     for friction in (0.4, 0.7):
         for sprocket in (1.0, 4.0, 10.0):
             belt = sprocket * RADIUS_M

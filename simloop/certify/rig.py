@@ -23,7 +23,7 @@ from simloop.config import (
     TracksConfig,
 )
 from simloop.messages import FloatArray
-from simloop.physics import track_theory as theory
+from simloop.physics import turning_theory
 from simloop.physics.plant import Plant
 from simloop.truth import Truth
 from simloop.worlds.arena import add_payload
@@ -221,7 +221,7 @@ class Bench:
         left, right = self.belts_mps()
         return float(self.truth.velocity_body[5]) * self.rig.gauge_m / (right - left)
 
-    def cells(self, fine: int = 50) -> theory.Cells:
+    def cells(self, fine: int = 50) -> turning_theory.Cells:
         """The belts as theory has them, with the loads of beam statics spread about each wheel.
 
         On a slope the weight bears where its line through the centre of gravity meets the ground.
@@ -231,12 +231,12 @@ class Bench:
         centre = self.centre_m - down * self.centre_m[2] / down[2]
         places = [(at, side * 0.5 * rig.gauge_m) for side in (1, -1) for at in x]
         weight = -down[2] * self.weight_n
-        loads = theory.support_loads(np.array(places), weight, (centre[0], centre[1]))
+        loads = turning_theory.support_loads(np.array(places), weight, (centre[0], centre[1]))
         cell = rig.length_m / (rig.wheels * fine)
         places_x = np.arange(rig.wheels * fine, dtype=np.float64)
         fine_x = 0.5 * rig.length_m - cell * (places_x + 0.5)
         spread = np.repeat(loads.reshape(2, -1), fine, axis=1) / fine
-        return theory.Cells(fine_x, spread, rig.gauge_m, cell)
+        return turning_theory.Cells(fine_x, spread, rig.gauge_m, cell)
 
 
 def _model(rig: Rig) -> mujoco.MjModel:

@@ -11,6 +11,7 @@ from simloop.certify.checks import Check, absolute, at_most, relative, verdict
 from simloop.certify.rig import CONTROL_S, GRAVITY_MPS2, RADIUS_M, Bench, Rig
 from simloop.config import MotorConfig
 from simloop.physics import track_theory as theory
+from simloop.physics import turning_theory
 
 CREEP_MPS = 1e-3
 MODULUS_M = 0.001
@@ -103,7 +104,7 @@ def driven() -> Iterator[Check]:
                 cells, weight = bench.cells(), bench.mass_kg * rig.gravity()[:2]
                 motion = np.array(bench.motion())
                 belts = bench.belts_mps()
-                force = theory.track_forces(motion, belts, cells, friction, MODULUS_M)
+                force = turning_theory.track_forces(motion, belts, cells, friction, MODULUS_M)
                 steep = float(np.hypot(*weight))
                 name = f"mu {friction}, {label}, {share:g} atan(mu)"
                 along = -float(force[:2] @ weight) / steep

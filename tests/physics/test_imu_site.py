@@ -85,3 +85,11 @@ def test_velocity_and_pose_are_of_the_same_instant():
     ahead = math.cos(yaw) * world[0] + math.sin(yaw) * world[1]
     aside = -math.sin(yaw) * world[0] + math.cos(yaw) * world[1]
     assert truth.velocity_body[:2] == pytest.approx([ahead, aside], abs=1e-6)
+
+
+def test_the_imus_site_must_be_on_the_chassis():
+    spec = vehicle_on_plane()
+    spec.delete(spec.site("imu"))
+    spec.body("sprocket_left").add_site(name="imu")
+    with pytest.raises(ValueError, match="'imu' must be in the body base_link"):
+        Plant(spec.compile(), Config())
