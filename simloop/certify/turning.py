@@ -1,4 +1,4 @@
-"""Turning: on the spot, steadily, over friction, speed, step, wheels, proportions and payload."""
+"""Checks of turning on the spot, of steady turns, of the turning moment, and of payloads."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from simloop.certify.checks import Check, absolute, relative
-from simloop.certify.rig import RADIUS_M, Bench, Rig
+from simloop.certify.rig import Bench, Rig
+from simloop.certify.rig_parts import RADIUS_M
 from simloop.physics import turning_theory
 
 MODULUS_M = 0.001
@@ -17,11 +18,11 @@ _CORNERS = (
     (2.5, 10, 1.0, 12.0, 0.001),
     (2.5, 5, 0.2, 0.5, 0.005),
 )
-"""L/B, wheels, friction, sprockets' speed, step: the ranges' ends met together."""
+"""L/B, wheels a side, friction, sprocket speed, rad/s, and step, s: several limits at once."""
 
 
 def _spun(rig: Rig, sprocket_radps: float = 4.0) -> Bench:
-    """A rig that has turned on the spot until nothing changes any more."""
+    """A rig that has turned on the spot until its motion is steady."""
     bench = rig.build()
     belt = sprocket_radps * RADIUS_M
     bench.run_belts(-belt, belt)
@@ -30,7 +31,11 @@ def _spun(rig: Rig, sprocket_radps: float = 4.0) -> Bench:
 
 
 def spin() -> Iterator[Check]:
-    """chi against B F = 2 m (form 2), 0.5 % for our vehicle and 1 % for the others."""
+    """On the spot chi follows from B F = 2 m (form 2).
+
+    Yields:
+        Checks of chi, to 0.5 % for the shipped vehicle and to 1 % for others.
+    """
     ours = turning_theory.spin_ratio(0.415, 0.39)
     for friction in (0.2, 0.4, 0.6, 0.8, 1.0):
         chi = _spun(Rig(friction=friction)).spin_ratio()
@@ -58,7 +63,7 @@ def spin() -> Iterator[Check]:
 
 
 def _turns() -> Iterator[tuple[str, Rig, tuple[float, float]]]:
-    """Steady turns: the ratio of the belts for our vehicle, then all else at one ratio."""
+    """Steady turns: name, rig and belt speeds, m/s; other conditions at one ratio of belts."""
     for inner in (-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 0.9):
         yield f"inner/outer {inner:g}", Rig(), (inner * 0.12, 0.12)
     belts = (0.03, 0.12)
@@ -78,7 +83,11 @@ def _turns() -> Iterator[tuple[str, Rig, tuple[float, float]]]:
 
 
 def steady() -> Iterator[Check]:
-    """Yaw rate and speed of steady turns against two force balances and one of moments (form 3)."""
+    """Steady turns follow from two balances of forces and one of moments (form 3).
+
+    Yields:
+        Checks of yaw rate and speed.
+    """
     for name, rig, belts in _turns():
         bench, outer = rig.build(), max(map(abs, belts))
         bench.run_belts(*belts)
@@ -90,13 +99,17 @@ def steady() -> Iterator[Check]:
 
 
 def sideways() -> Iterator[Check]:
-    """Turned by hand, its belts just keeping pace: they slip sideways alone, mu W L/4 (form 4).
+    """Turned by hand, belts that slip sideways only resist with mu W L/4 (form 4).
 
-    The form is Coulomb's: with the brush's own modulus shear builds up over the first millimetres.
+    The form is Coulomb's, so the shear modulus is a fifth of the usual one: else the shear that
+    builds up over the first millimetres would count.
+
+    Yields:
+        Checks of the moment.
     """
-    stiff: dict[str, object] = {"shear_modulus_m": 0.2 * MODULUS_M}
+    stiff = 0.2 * MODULUS_M
     for ratio, wheels, friction in ((0.7, 6, 0.6), (1.06, 4, 0.2), (1.06, 10, 1.0), (2.5, 6, 0.6)):
-        rig = Rig(length_m=ratio * 0.39, wheels=wheels, friction=friction, tracks=stiff)
+        rig = Rig(length_m=ratio * 0.39, wheels=wheels, friction=friction, shear_modulus_m=stiff)
         bench = rig.build()
         for rate in (0.5, -0.5):
             moment = bench.swing(rate, 1.0)
@@ -107,7 +120,11 @@ def sideways() -> Iterator[Check]:
 
 
 def payload() -> Iterator[Check]:
-    """A payload shifts the road wheels' loads (beam statics) and the centres of rotation."""
+    """A payload shifts the road wheels' loads and the centres of rotation (form 3).
+
+    Yields:
+        Checks of loads against beam statics, and of the centres.
+    """
     for place in ((0.1, 0.0, 0.1), (-0.12, 0.05, 0.1), (0.05, -0.12, 0.1)):
         rig = Rig(payload_kg=4.0, payload_m=place)
         bench = rig.build()

@@ -9,7 +9,8 @@ import pytest
 
 from simloop import certify
 from simloop.certify.checks import Check, absolute, at_most, relative, verdict
-from simloop.certify.rig import RADIUS_M, Rig
+from simloop.certify.rig import Rig
+from simloop.certify.rig_parts import RADIUS_M
 from simloop.cli.main import app
 
 QUICK = ["straight", "payload", "zones", "loose", "steps", "ramps", "tipping", "braking", "shorted"]
