@@ -1,9 +1,9 @@
-"""How far the robot goes on when it is told to stop, beside what the collision monitor takes it to.
+"""Measure the robot's stopping distance, and compare it with what the collision monitor assumes.
 
     python scripts/measure_stopping.py
 
-In the plant, from a steady motion, by the motor loops and the voltages of a run. The exit code is 0
-if it never went further than the monitor assumes.
+The robot stops from a steady motion in the simulated plant, by the motor control of a run. The exit
+code is 0 if it never goes further than the monitor assumes.
 """
 
 from __future__ import annotations
@@ -33,9 +33,16 @@ FRICTIONS = (0.9, 0.6, 0.3, 0.1)
 
 
 def stop(speed: float, rate: float, friction: float, silent: bool = False) -> FloatArray:
-    """(4,) speed, m/s, and yaw rate, rad/s, when told to stop; way, m, and turn, rad, since then.
+    """Stop the robot once.
 
-    silent: the encoders have given no counts for 0.3 s before.
+    Args:
+        speed: steady speed before, m/s.
+        rate: steady yaw rate before, rad/s.
+        friction: of the ground.
+        silent: whether the encoders give no counts in the last 0.3 s before.
+
+    Returns:
+        (4,) speed, m/s, and yaw rate, rad/s, at the command to stop; way, m, and turn, rad, since.
     """
     scenario = load("open", [f"tracks.friction={friction}"])
     config = scenario.config
@@ -64,7 +71,15 @@ def stop(speed: float, rate: float, friction: float, silent: bool = False) -> Fl
 
 
 def assumed(speed: float, rate: float) -> tuple[float, float]:
-    """Way, m, and turn, rad, that the monitor takes a stop to need."""
+    """What the collision monitor assumes of a stop.
+
+    Args:
+        speed: before, m/s.
+        rate: yaw rate before, rad/s.
+
+    Returns:
+        Way, m, and turn, rad.
+    """
     tracker = load("open").config.tracker
     braking = max(abs(speed) / tracker.max_decel_mps2, abs(rate) / tracker.max_yaw_accel_radps2)
     lasts = tracker.monitor_reaction_s + 0.5 * braking
@@ -72,6 +87,11 @@ def assumed(speed: float, rate: float) -> tuple[float, float]:
 
 
 def main() -> int:
+    """Measure all cases and print them.
+
+    Returns:
+        The exit code.
+    """
     good = True
     for name, (speed, rate) in CASES.items():
         most = assumed(speed, rate)

@@ -1,4 +1,4 @@
-"""Checks of energy, momentum, steps, ramps, rough ground, friction zones, loose things and walls."""
+"""Checks of energy, momentum, steps, ramps, rough ground, friction zones, loose things, walls."""
 
 from __future__ import annotations
 
