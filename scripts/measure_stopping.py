@@ -49,12 +49,14 @@ def stop(speed: float, rate: float, friction: float, silent: bool = False) -> Fl
     plant = Plant(build_world(scenario).model, config)
     truth, period = plant.reset(np.array([0.0, 0.0, 0.0])), config.rates.control_s
     drive = Drive(config.tracker, config.motor, config.encoder, config.vehicle, period)
+    # The filter is left out: the motor loops get the gauge ratio that it would learn.
     encoders, state = Encoders(config.encoder), np.zeros(9)
     state[GAUGE] = _GAUGE_RATIO
     heard: EncoderReading = encoders.read(truth)
     ticks, at = round(_STEADY_S / period), None
     way = turn = 0.0
     for tick in range(ticks + round(_STOP_S / period)):
+        # A soft start, then the command to stop.
         part = min(1.0, 4.0 * tick / ticks) if tick < ticks else 0.0
         fresh = encoders.read(truth)
         heard = heard if silent and ticks - 0.3 / period < tick else fresh

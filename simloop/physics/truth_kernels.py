@@ -107,9 +107,12 @@ def motion_now(
         (27,) the block.
     """
     block = np.empty(27)
+    # The pose: yaw of the ZYX Euler angles.
     w, x, y, z = qpos[3], qpos[4], qpos[5], qpos[6]
     block[0], block[1] = qpos[0], qpos[1]
     block[2] = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    # Velocity and specific force, turned from the world into base_link. The angular velocity of a
+    # free joint is in base_link already.
     turn, imu_now = rotation_of(qpos), point_velocity(qpos, qvel, imu)
     for i in range(3):
         block[3 + i], block[9 + i] = 0.0, 0.0
@@ -117,6 +120,7 @@ def motion_now(
         for k in range(3):
             block[3 + i] += turn[k, i] * qvel[k]
             block[9 + i] += turn[k, i] * ((imu_now[k] - imu_before[k]) / period_s - gravity[k])
+    # The state as it is.
     block[12:19] = qpos[:7]
     for side in range(2):
         block[19 + side] = qpos[sprocket_qpos[side]]

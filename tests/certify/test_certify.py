@@ -1,4 +1,4 @@
-"""The certificate: every family holds, figures are honest, and the command says so."""
+"""The certificate: every family holds, wrong figures fail, and the command reports both."""
 
 from __future__ import annotations
 
