@@ -1,8 +1,8 @@
-"""Drop and drive random vehicles over random ground until something breaks.
+"""Drop random vehicles on random ground, drive them at random, and report what fails.
 
     python scripts/fuzz_tracks.py [--steps 1000000] [--seed 0]
 
-Exit code 1 if any episode failed; each failure is found again from the seed that is printed.
+The exit code is 1 if an episode failed. The printed seed reproduces the failure.
 """
 
 from __future__ import annotations
@@ -14,7 +14,11 @@ from simloop.certify.fuzz import episodes
 
 
 def main() -> int:
-    """Run the episodes and print what failed."""
+    """Run the episodes and print what failed.
+
+    Returns:
+        The exit code.
+    """
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--steps", type=int, default=1_000_000)
     parser.add_argument("--seed", type=int, default=0)

@@ -1,6 +1,6 @@
-"""Writes the meshes that models/tracked_ugv.xml is seen in: belt, wheels, sprocket, hull.
+"""Write the visual meshes of models/tracked_ugv.xml: belt, wheels, sprocket, hull.
 
-Run it after changing a measure here; the meshes carry no mass and touch nothing.
+Run it after a change of a measure here. The meshes have no mass and no contacts.
 """
 
 from __future__ import annotations
@@ -25,7 +25,16 @@ LINKS = 46
 
 
 def prism(outline: Array, low: float, high: float) -> Faces:
-    """Extrude a convex counter-clockwise outline (N, 2) of the x-z plane along -y..y."""
+    """Extrude an outline along y.
+
+    Args:
+        outline: (N, 2) convex, counter-clockwise, x and z, m.
+        low: first y, m.
+        high: last y, m.
+
+    Returns:
+        The faces.
+    """
     front = np.column_stack([outline[:, 0], np.full(len(outline), low), outline[:, 1]])
     back = front + np.array([0.0, high - low, 0.0])
     # Seen from -y, x runs to the right and z up.
@@ -36,7 +45,16 @@ def prism(outline: Array, low: float, high: float) -> Faces:
 
 
 def lathe(profile: Sequence[tuple[float, float]], centre: tuple[float, float], count: int) -> Faces:
-    """Turn a profile of (radius, y) about the y axis through centre (x, z)."""
+    """Turn a profile about an axis parallel to y.
+
+    Args:
+        profile: points (radius, y), m.
+        centre: x and z of the axis, m.
+        count: faces around.
+
+    Returns:
+        The faces.
+    """
     angle = 2.0 * math.pi * np.arange(count + 1) / count
     rings = [
         np.column_stack(
@@ -52,7 +70,14 @@ def lathe(profile: Sequence[tuple[float, float]], centre: tuple[float, float], c
 
 
 def belt_path(count: int) -> tuple[Array, Array]:
-    """(count, 2) points x, z evenly along the belt's centre line, and outward normals."""
+    """Points evenly along the belt's centre line.
+
+    Args:
+        count: number of points.
+
+    Returns:
+        (count, 2) points x, z, m, and (count, 2) outward normals.
+    """
     x0, x1, r = float(ROAD_X_M[0]), float(ROAD_X_M[-1]), PLATE_M
     corners = [(x0, TIP_M), (x1, TIP_M), (x1, END_Z_M), (x0, END_Z_M)]
     points, normals = [], []
@@ -70,7 +95,11 @@ def belt_path(count: int) -> tuple[Array, Array]:
 
 
 def belt() -> Faces:
-    """Links round the wheels, each a plate with a grouser across it."""
+    """Build the belt: links round the wheels, each a plate with a grouser across it.
+
+    Returns:
+        The faces.
+    """
     points, normals = belt_path(LINKS)
     pitch = float(np.hypot(*(points[1] - points[0])))
     faces: Faces = []
@@ -87,7 +116,11 @@ def belt() -> Faces:
 
 
 def wheels() -> Faces:
-    """Six road wheels, the idler in front and two return rollers."""
+    """Build six road wheels, the idler in front and two return rollers.
+
+    Returns:
+        The faces.
+    """
     dish = [(0.0, -0.024), (0.008, -0.026), (0.011, -0.019), (0.021, -0.019), (0.023, -0.027)]
     rim = [(1.0, -0.027), (1.0, 0.027)]
     faces: Faces = []
@@ -104,7 +137,11 @@ def wheels() -> Faces:
 
 
 def sprocket() -> Faces:
-    """A toothed ring on five spokes and a hub, about the y axis through the origin."""
+    """Build a toothed ring on five spokes and a hub, about the y axis through the origin.
+
+    Returns:
+        The faces.
+    """
     faces: Faces = []
     width, teeth = 0.022, 11
     for k in range(teeth):
@@ -127,7 +164,11 @@ def sprocket() -> Faces:
 
 
 def hull() -> Faces:
-    """A tub between the tracks with a sloping bow, and a deck over it with bevelled edges."""
+    """Build a tub between the tracks with a sloping bow, and a deck with bevelled edges.
+
+    Returns:
+        The faces.
+    """
     tub = np.array([(-0.205, 0.045), (0.17, 0.045), (0.225, 0.082), (0.2, 0.118), (-0.215, 0.118),
                     (-0.222, 0.07)])  # fmt: skip
     deck = [
@@ -146,14 +187,26 @@ def hull() -> Faces:
 
 
 def counter_clockwise(outline: Array) -> Array:
-    """The same outline (N, 2), turned round if it runs clockwise."""
+    """Reverse an outline if it runs clockwise.
+
+    Args:
+        outline: (N, 2) m.
+
+    Returns:
+        (N, 2) counter-clockwise.
+    """
     nxt = np.roll(outline, -1, axis=0)
     area = np.sum(outline[:, 0] * nxt[:, 1] - outline[:, 1] * nxt[:, 0])
     return outline if area > 0.0 else outline[::-1]
 
 
 def write(name: str, faces: Faces) -> None:
-    """An OBJ file with flat normals: every face has vertices of its own."""
+    """Write an OBJ file with flat normals: every face has vertices of its own.
+
+    Args:
+        name: of the file in models/assets, without ending.
+        faces: what to write; faces without area are left out.
+    """
     lines = [f"# {name}: written by scripts/make_vehicle_meshes.py"]
     normals, indices, count = [], [], 0
     for face in faces:

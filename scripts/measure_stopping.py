@@ -1,9 +1,9 @@
-"""How far the robot goes on when it is told to stop, beside what the collision monitor takes it to.
+"""Measure the robot's stopping distance, and compare it with what the collision monitor assumes.
 
     python scripts/measure_stopping.py
 
-In the plant, from a steady motion, by the motor loops and the voltages of a run. The exit code is 0
-if it never went further than the monitor assumes.
+The robot stops from a steady motion in the simulated plant, by the motor control of a run. The exit
+code is 0 if it never goes further than the monitor assumes.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ import sys
 
 import numpy as np
 
+from simloop.control.drive import Drive
 from simloop.ekf import GAUGE
 from simloop.messages import EncoderReading, Estimate, FloatArray
 from simloop.physics.plant import Plant
 from simloop.scenario.build import build_world
 from simloop.scenario.load import load
 from simloop.sensors import Encoders
-from simloop.tracker import Drive
 
 _STEADY_S, _STOP_S = 2.0, 3.0
 _GAUGE_RATIO = 1.23
@@ -33,26 +33,35 @@ FRICTIONS = (0.9, 0.6, 0.3, 0.1)
 
 
 def stop(speed: float, rate: float, friction: float, silent: bool = False) -> FloatArray:
-    """(4,) speed, m/s, and yaw rate, rad/s, when told to stop; way, m, and turn, rad, since then.
+    """Stop the robot once.
 
-    silent: the encoders have given no counts for 0.3 s before.
+    Args:
+        speed: steady speed before, m/s.
+        rate: steady yaw rate before, rad/s.
+        friction: of the ground.
+        silent: whether the encoders give no counts in the last 0.3 s before.
+
+    Returns:
+        (4,) speed, m/s, and yaw rate, rad/s, at the command to stop; way, m, and turn, rad, since.
     """
     scenario = load("open", [f"tracks.friction={friction}"])
     config = scenario.config
     plant = Plant(build_world(scenario).model, config)
     truth, period = plant.reset(np.array([0.0, 0.0, 0.0])), config.rates.control_s
-    drive = Drive(config.tracker, config.motor, config.encoder, config.vehicle, period)
+    drive = Drive(config.drive, config.motor, config.encoder, config.vehicle, period)
+    # The filter is left out: the motor loops get the gauge ratio that it would learn.
     encoders, state = Encoders(config.encoder), np.zeros(9)
     state[GAUGE] = _GAUGE_RATIO
     heard: EncoderReading = encoders.read(truth)
     ticks, at = round(_STEADY_S / period), None
     way = turn = 0.0
     for tick in range(ticks + round(_STOP_S / period)):
+        # A soft start, then the command to stop.
         part = min(1.0, 4.0 * tick / ticks) if tick < ticks else 0.0
         fresh = encoders.read(truth)
         heard = heard if silent and ticks - 0.3 / period < tick else fresh
-        asked = (part * speed, part * rate, "test")
-        sent = drive.command(asked, Estimate(truth.t_ns, state, np.eye(9)), heard)
+        asked = Velocity(part * speed, part * rate)
+        sent = drive.command(asked, Mode.FOLLOW, Estimate(truth.t_ns, state, np.eye(9)), heard)
         if tick == ticks:
             at = truth
         truth = plant.step(sent.voltage_v)
@@ -64,14 +73,28 @@ def stop(speed: float, rate: float, friction: float, silent: bool = False) -> Fl
 
 
 def assumed(speed: float, rate: float) -> tuple[float, float]:
-    """Way, m, and turn, rad, that the monitor takes a stop to need."""
-    tracker = load("open").config.tracker
-    braking = max(abs(speed) / tracker.max_decel_mps2, abs(rate) / tracker.max_yaw_accel_radps2)
-    lasts = tracker.monitor_reaction_s + 0.5 * braking
+    """What the collision monitor assumes of a stop.
+
+    Args:
+        speed: before, m/s.
+        rate: yaw rate before, rad/s.
+
+    Returns:
+        Way, m, and turn, rad.
+    """
+    config = load("open").config
+    drive, reaction_s = config.drive, config.monitor.reaction_s
+    braking = max(abs(speed) / drive.max_decel_mps2, abs(rate) / drive.max_yaw_accel_radps2)
+    lasts = reaction_s + 0.5 * braking
     return abs(speed) * lasts, abs(rate) * lasts
 
 
 def main() -> int:
+    """Measure all cases and print them.
+
+    Returns:
+        The exit code.
+    """
     good = True
     for name, (speed, rate) in CASES.items():
         most = assumed(speed, rate)

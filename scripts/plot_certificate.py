@@ -1,6 +1,7 @@
-"""Draw docs/figures/*.svg: the simulated tracks against the closed forms (needs matplotlib).
+"""Draw docs/figures/tracks_*.svg: the simulated tracks against the closed forms.
 
-pip install matplotlib; python scripts/plot_certificate.py
+pip install matplotlib
+python scripts/plot_certificate.py
 """
 
 from __future__ import annotations
@@ -13,13 +14,22 @@ import numpy as np
 from simloop import certify
 from simloop.certify.checks import Check
 from simloop.physics import track_theory as theory
+from simloop.physics import turning_theory
 
 FIGURES = Path(__file__).resolve().parent.parent / "docs" / "figures"
 GAUGE_M, LENGTH_M, MODULUS_M = 0.39, 0.415, 0.001
 
 
 def checks(family: str, start: str) -> list[tuple[float, Check]]:
-    """The checks of a family whose names are ``start`` and a number, with that number."""
+    """Do the checks of a family, and pick those whose names are a start and a number.
+
+    Args:
+        family: its name in the certificate.
+        start: how the names begin.
+
+    Returns:
+        The numbers with their checks.
+    """
     found = []
     for check in certify.run([family]):
         if check.name.startswith(start):
@@ -29,7 +39,12 @@ def checks(family: str, start: str) -> list[tuple[float, Check]]:
 
 
 def save(axes: matplotlib.axes.Axes, name: str) -> None:
-    """Tidy up and write one figure, the same bytes each time."""
+    """Write one figure, the same bytes each time.
+
+    Args:
+        axes: the figure's axes.
+        name: of the file, without ending.
+    """
     axes.grid(alpha=0.3)
     axes.legend(frameon=False)
     axes.figure.tight_layout()
@@ -37,9 +52,13 @@ def save(axes: matplotlib.axes.Axes, name: str) -> None:
 
 
 def spin(axes: matplotlib.axes.Axes) -> None:
-    """chi over L/B, and MuJoCo's own friction at our vehicle's."""
+    """Draw the spin ratio over L/B, and that of MuJoCo's own friction.
+
+    Args:
+        axes: to draw on.
+    """
     ratios = np.linspace(0.6, 2.6, 80)
-    closed = [theory.spin_ratio(ratio * GAUGE_M, GAUGE_M) for ratio in ratios]
+    closed = [turning_theory.spin_ratio(ratio * GAUGE_M, GAUGE_M) for ratio in ratios]
     axes.plot(ratios, closed, "k-", lw=1, label="closed form, B F = 2 m")
     points = checks("spin", "L/B ")
     axes.plot([x for x, _ in points], [c.value for _, c in points], "o", label="simloop")
@@ -50,7 +69,11 @@ def spin(axes: matplotlib.axes.Axes) -> None:
 
 
 def slip(axes: matplotlib.axes.Axes) -> None:
-    """Pull over slip."""
+    """Draw the pull over the slip.
+
+    Args:
+        axes: to draw on.
+    """
     slips = np.geomspace(3e-4, 1, 100)
     closed = [theory.drawbar_ratio(i, LENGTH_M, MODULUS_M) for i in slips]
     axes.semilogx(slips, closed, "k-", lw=1, label="Janosi-Hanamoto")
@@ -68,7 +91,11 @@ def slip(axes: matplotlib.axes.Axes) -> None:
 
 
 def turn(axes: matplotlib.axes.Axes) -> None:
-    """Yaw rate of steady turns."""
+    """Draw the yaw rate of steady turns.
+
+    Args:
+        axes: to draw on.
+    """
     points = [(x, c) for x, c in checks("turn", "inner/outer ") if "yaw" in c.name]
     axes.plot([x for x, _ in points], [c.expected for _, c in points], "k-", lw=1, label="theory")
     axes.plot([x for x, _ in points], [c.value for _, c in points], "o", label="simloop")
@@ -76,7 +103,7 @@ def turn(axes: matplotlib.axes.Axes) -> None:
 
 
 def main() -> None:
-    """All figures."""
+    """Draw all figures."""
     matplotlib.use("svg")
     matplotlib.rcParams.update({"svg.hashsalt": "simloop", "svg.fonttype": "none"})
     from matplotlib import pyplot

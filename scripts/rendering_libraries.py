@@ -1,7 +1,7 @@
-"""Make sure that pictures can be drawn without a display: EGL or OSMesa must be there.
+"""Make sure that images can be rendered without a display, which needs EGL or OSMesa.
 
-Where neither is, install Debian's packages if root; otherwise print the line to run.
-Needs nothing but the standard library, and never fails: a run without pictures is a run.
+If neither is installed, this script installs Debian's packages as root, or prints the command. It
+needs the standard library only. It never fails, because a run is complete without images.
 """
 
 from __future__ import annotations
@@ -16,7 +16,14 @@ PACKAGES = ("libegl1", "libgl1", "libgl1-mesa-dri", "libosmesa6")
 
 
 def loads(library: str) -> bool:
-    """Whether the dynamic loader finds the library."""
+    """Whether the dynamic loader finds a library.
+
+    Args:
+        library: its file name.
+
+    Returns:
+        True if it can be loaded.
+    """
     try:
         ctypes.CDLL(library)
     except OSError:
@@ -25,13 +32,17 @@ def loads(library: str) -> bool:
 
 
 def can_render() -> bool:
-    """Whether MuJoCo has an offscreen back end to draw with."""
+    """Whether MuJoCo has an offscreen back end.
+
+    Returns:
+        True with EGL or OSMesa.
+    """
     egl = loads("libEGL.so.1") and loads("libGL.so.1")
     return egl or loads("libOSMesa.so.8") or loads("libOSMesa.so.6")
 
 
 def install() -> None:
-    """Install the packages one by one: releases differ in which of them exist."""
+    """Install the packages one by one, because not every release has all of them."""
     env = os.environ | {"DEBIAN_FRONTEND": "noninteractive"}
     subprocess.run(["apt-get", "update", "-qq"], env=env, check=False)
     for package in PACKAGES:
@@ -40,6 +51,7 @@ def install() -> None:
 
 
 def main() -> None:
+    """Install what is missing, or say how."""
     if sys.platform != "linux" or can_render():
         return
     if shutil.which("apt-get") and os.geteuid() == 0:
@@ -47,7 +59,7 @@ def main() -> None:
         install()
     if not can_render():
         print(
-            "no offscreen rendering library found, so no pictures; to have them:\n"
+            "no offscreen rendering library found, so no images will be rendered; install one:\n"
             f"  sudo apt-get update && sudo apt-get install -y {' '.join(PACKAGES)}"
         )
 

@@ -1,7 +1,8 @@
-"""The simulated sensors: truth in, what the real parts would say out.
+"""The simulated sensors: they turn the ground truth into what the real parts would measure.
 
-Encoders of 980 counts a turn, an MPU-9250-like IMU, a LiDAR that turns while the robot
-moves. Each owns its random generator; none keeps more of the truth than its own state.
+There are encoders, an IMU like the MPU-9250, a LiDAR that turns while the robot moves, and a depth
+camera. Each sensor has a random generator of its own, so that one sensor's settings do not change
+another's noise.
 """
 
 from __future__ import annotations
@@ -29,23 +30,44 @@ _DRAWS = 100  # IMU readings whose noise is drawn in one go
 
 
 class Encoders:
-    """Cumulative counts of both sprockets, quantised."""
+    """Quadrature encoders on both sprockets: cumulative, quantised counts."""
 
     def __init__(self, config: EncoderConfig) -> None:
+        """Set the resolution.
+
+        Args:
+            config: counts a turn of the sprocket.
+        """
         self._counts_per_rad = config.counts_per_turn / _TURN
 
     def read(self, truth: Truth) -> EncoderReading:
-        """The counts at ``truth``'s instant."""
+        """Read the counts.
+
+        Args:
+            truth: the robot's state now.
+
+        Returns:
+            Counts since angle 0, rounded down.
+        """
         left, right = truth.sprocket_rad.tolist()
         scale = self._counts_per_rad
         return EncoderReading(truth.t_ns, math.floor(left * scale), math.floor(right * scale))
 
 
 class Imu:
-    """Gyro and accelerometer: white noise, a bias from switching on, and the bias's walk."""
+    """Gyro and accelerometer with white noise and a bias that walks at random."""
 
     def __init__(self, config: ImuConfig, period_s: float, rng: np.random.Generator) -> None:
+        """Draw the initial bias.
+
+        Args:
+            config: noise densities and sizes of the biases.
+            period_s: time between two readings, s.
+            rng: draws the noise and the biases.
+        """
         self._rng = rng
+        # A density in units/sqrt(Hz), averaged over a period T, leaves noise of density / sqrt(T).
+        # A random walk in units/sqrt(s) takes steps of that times sqrt(T).
         white, walk = 1.0 / math.sqrt(period_s), math.sqrt(period_s)
 
         def six(gyro: float, accel: float) -> FloatArray:
@@ -60,11 +82,19 @@ class Imu:
 
     @property
     def bias(self) -> FloatArray:
-        """(6,) of gyro, rad/s, and accelerometer, m/s^2, as it was at the last reading."""
+        """(6,) bias of gyro, rad/s, and accelerometer, m/s^2, at the last reading."""
         return self._biases[self._drawn]
 
     def read(self, truth: Truth) -> ImuReading:
-        """Rates and proper acceleration at ``truth``'s instant, in the imu frame."""
+        """Read rates and proper acceleration.
+
+        Args:
+            truth: the robot's state now.
+
+        Returns:
+            Rates, rad/s, and proper acceleration, m/s^2, in the imu frame, whose axes are
+            base_link's.
+        """
         if self._drawn == len(self._errors):
             self._draw()
         gyro, accel = self._errors[self._drawn]
@@ -74,7 +104,7 @@ class Imu:
         )
 
     def _draw(self) -> None:
-        """Many readings' errors at once: the same numbers in the same order, and cheaper."""
+        """Draw the errors of many readings at once, which costs less than one by one."""
         drawn = self._rng.standard_normal((_DRAWS, 2, 6))
         self._biases = np.cumsum(
             np.concatenate((self.bias[None], self._steps * drawn[:, 0])), axis=0
@@ -84,10 +114,16 @@ class Imu:
 
 
 class _Part(NamedTuple):
-    """What one control period has of a turn: its beams, as views into the whole turn's arrays.
+    """The beams of a turn that fall into one control period, as views into the turn's arrays.
 
-    since_ns: the period's start in the turn; last: the first beam after it; fractions: (n,) of
-    the period at each beam.
+    Attributes:
+        since_ns: the period's start, since the turn's start.
+        last: number of the first beam after the period.
+        fractions: (n,) of the period at each beam, 0 to 1.
+        angles: (n,) in the laser frame, rad.
+        origins: (n, 3) in the world, m.
+        directions: (n, 3) unit vectors in the world.
+        ranges: (n,) m.
     """
 
     since_ns: int
@@ -100,10 +136,7 @@ class _Part(NamedTuple):
 
 
 class Lidar:
-    """A turning laser: each beam is cast from the pose the vehicle has at the beam's own instant.
-
-    base_from_laser: (3,) position of the laser in base_link, m (its axes are base_link's).
-    """
+    """A turning laser, whose beams are cast from where the vehicle is at each beam's instant."""
 
     def __init__(
         self,
@@ -112,6 +145,14 @@ class Lidar:
         base_from_laser: FloatArray,
         rng: np.random.Generator,
     ) -> None:
+        """Set out the beams of a turn.
+
+        Args:
+            config: number of beams, reach and noise.
+            period_s: time of one turn, s.
+            base_from_laser: (3,) the laser's place in base_link, m; its axes are base_link's.
+            rng: draws the noise and the drop-outs.
+        """
         self._config, self._rng = config, rng
         self._mount = np.ascontiguousarray(base_from_laser)
         self._period_ns = round(period_s * 1e9)
@@ -126,7 +167,16 @@ class Lidar:
         self._parts: dict[tuple[int, int], _Part] = {}
 
     def sweep(self, before: Truth, now: Truth, world: RayCaster) -> LidarScan | None:
-        """Cast the beams that fell between two truths; the scan when its turn is full."""
+        """Cast the beams that fall between two instants.
+
+        Args:
+            before: the robot's state one control period ago.
+            now: its state now.
+            world: what the beams meet.
+
+        Returns:
+            The scan if its turn ends now, otherwise None.
+        """
         start_ns = before.t_ns - before.t_ns % self._period_ns
         part = self._part(before.t_ns - start_ns, now.t_ns - start_ns)
         origins, directions = part.origins, part.directions
@@ -156,7 +206,7 @@ class Lidar:
         )
 
     def _part(self, since_ns: int, until_ns: int) -> _Part:
-        """The beams from the next one on until an instant of the turn; turns are all alike."""
+        """The beams from the next one until an instant of the turn; kept, as turns are alike."""
         key = (self._next, until_ns)
         part = self._parts.get(key)
         if part is None or part.since_ns != since_ns:
@@ -174,7 +224,7 @@ class Lidar:
         return part
 
     def _perceive(self) -> FloatArray:
-        """Noise and drop-outs on the true ranges; what is out of reach comes back as inf."""
+        """(rays,) ranges with noise, m; inf for drop-outs and what is out of reach."""
         config, rays = self._config, self._config.rays
         ranges = self._ranges + config.noise_m * self._rng.standard_normal(rays)
         lost = self._rng.random(rays) < config.dropout
@@ -195,12 +245,25 @@ def beam_rays(
     origins: FloatArray,
     directions: FloatArray,
 ) -> None:
-    """Origin and direction (n, 3) of beams in the world, the body moving from pose 0 to pose 1.
+    """Set out the beams of a laser whose body moves from pose 0 to pose 1.
 
-    fraction: (n,) of the way at each beam; position linear, attitude by normalised interpolation
-    (the two are one control period apart). angle: (n,) in the laser frame.
+    The position is interpolated linearly, and the attitude by normalised linear interpolation of
+    the quaternion. That is accurate over one control period.
+
+    Args:
+        position_0: (3,) of base_link in the world, m.
+        quaternion_0: (4,) w, x, y, z, world_from_base.
+        position_1: (3,) as position_0, at the end.
+        quaternion_1: (4,) as quaternion_0, at the end.
+        fraction: (n,) of the way at each beam, 0 to 1.
+        angle: (n,) of the beams in the laser frame, rad.
+        mount: (3,) place of the laser in base_link, m.
+        origins: (n, 3) in the world, m; written.
+        directions: (n, 3) unit vectors in the world; written.
     """
     for i in range(angle.shape[0]):
+        # The attitude at the beam's instant, and its rotation matrix by rows. The factor s makes up
+        # for the interpolated quaternion's length.
         f = fraction[i]
         w = quaternion_0[0] + f * (quaternion_1[0] - quaternion_0[0])
         x = quaternion_0[1] + f * (quaternion_1[1] - quaternion_0[1])
@@ -213,6 +276,7 @@ def beam_rays(
             (s * (x * y + w * z), 1.0 - s * (x * x + z * z), s * (y * z - w * x)),
             (s * (x * z - w * y), s * (y * z + w * x), 1.0 - s * (x * x + y * y)),
         )
+        # The laser turns about base_link's z, so a beam has no part along it.
         for k in range(3):
             a, b, e = rows[k]
             at = position_0[k] + f * (position_1[k] - position_0[k])
@@ -221,7 +285,7 @@ def beam_rays(
 
 
 class DepthCamera:
-    """Looks along the vehicle's x, level; base_from_camera: (3,) its place in base_link, m."""
+    """A depth camera that looks along the vehicle's x, level."""
 
     def __init__(
         self,
@@ -230,6 +294,14 @@ class DepthCamera:
         base_from_camera: FloatArray,
         rng: np.random.Generator,
     ) -> None:
+        """Set out the rays of the pixels.
+
+        Args:
+            config: resolution, field of view, reach and noise.
+            period_s: time between two images, s; a multiple of the control period.
+            base_from_camera: (3,) the camera's place in base_link, m.
+            rng: draws the noise and the empty pixels.
+        """
         self._config, self._rng, self._mount = config, rng, np.array(base_from_camera, np.float64)
         self._period_ns = round(period_s * 1e9)
         pixels = np.array([config.columns, config.rows])
@@ -244,7 +316,15 @@ class DepthCamera:
         self._cutoff_m = config.range_max_m * float(lengths.max())
 
     def shoot(self, truth: Truth, world: RayFan) -> DepthImage | None:
-        """The image of ``truth``'s instant, if one is due then."""
+        """Take an image, if one is due.
+
+        Args:
+            truth: the robot's state now.
+            world: what the rays meet.
+
+        Returns:
+            The image, or None between two images.
+        """
         if truth.t_ns % self._period_ns:
             return None
         turn = Rotation.from_quat(truth.quaternion_wxyz[[1, 2, 3, 0]]).as_matrix()
@@ -253,7 +333,7 @@ class DepthCamera:
         return DepthImage(truth.t_ns, self._perceive(self._axial * ranges), self._focal_px.copy())
 
     def _perceive(self, true_m: FloatArray) -> np.ndarray:
-        """(rows, cols) float32: noise that grows with the square, and pixels that stay empty."""
+        """(rows, columns) float32 depths, m; noise grows with their square, inf where empty."""
         config = self._config
         depth = true_m + config.noise_1pm * true_m**2 * self._rng.standard_normal(len(true_m))
         lost = self._rng.random(len(true_m)) < config.dropout

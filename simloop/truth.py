@@ -10,18 +10,25 @@ from simloop.messages import BaseMessage, FloatArray, Message
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth(BaseMessage):
-    """What the plant knows and the robot must not: for sensors, metrics and recorder.
+    """The physical state of the robot, for sensors, metrics and recorder.
 
-    pose_xyyaw: (3,) base_link in map, m, m, rad.
-    position_m: (3,) base_link origin in the world; quaternion_wxyz: (4,).
-    velocity_body: (6,) linear m/s then angular rad/s, in base_link.
-    acceleration_mps2: (3,) proper acceleration at the IMU (what an ideal accelerometer reads).
-    sprocket_rad, sprocket_radps: (2,) left, right.
-    motor_current_a, motor_voltage_v: (2,) left, right.
-    energy_j: electrical energy drawn from the battery since the start.
-    contact_count: touches of the vehicle with anything but the ground, counted at their onset.
-    in_contact: whether it touches anything but the ground now.
-    hit_count: touches that began while it stood with its motors off, which are no contact_count.
+    Attributes:
+        t_ns: instant, ns.
+        pose_xyyaw: (3,) base_link in map, m, m, rad.
+        position_m: (3,) origin of base_link in the world, m.
+        quaternion_wxyz: (4,) world_from_base.
+        velocity_body: (6,) linear, m/s, then angular, rad/s, in base_link.
+        acceleration_mps2: (3,) proper acceleration at the model's site ``imu``, in base_link's
+            axes, mean over the last control period: what an ideal accelerometer there reads.
+        sprocket_rad: (2,) angles, left and right.
+        sprocket_radps: (2,) rates, left and right.
+        motor_current_a: (2,) left and right.
+        motor_voltage_v: (2,) left and right.
+        energy_j: electrical energy drawn from the battery since the start.
+        contact_count: how often the vehicle began to touch anything but the ground.
+        in_contact: whether it touches anything but the ground now.
+        hit_count: touches that began while it stood with its motors off; they are not in
+            ``contact_count``.
     """
 
     t_ns: int
@@ -42,13 +49,16 @@ class Truth(BaseMessage):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackTruth(BaseMessage):
-    """What the tracks truly do, for whoever tests an estimator; the robot must not know it.
+    """What the tracks truly do, to test an estimator against.
 
-    slip_mps: (2,) left, right, speed of the belt's surface over the ground along the vehicle, the
-    wheels' mean by load; negative: it drives. icr_m: (3,) y of the left and of the right track's
-    instantaneous centre of rotation, x of the vehicle's, in base_link; NaN where it hardly turns.
-    wheel_load_n: (wheels,) front to rear, left before right. shear_work_j: what the shear between
-    tracks and ground has taken since the start.
+    Attributes:
+        t_ns: instant, ns.
+        slip_mps: (2,) left and right, speed of the belt's surface over the ground along the
+            vehicle, mean of the wheels by load; negative: the belt drives.
+        icr_m: (3,) instantaneous centres of rotation in base_link: y of the left track, y of the
+            right track, x of the vehicle; NaN where it hardly turns.
+        wheel_load_n: (wheels,) front to rear, left before right.
+        shear_work_j: energy that the shear between tracks and ground has taken since the start.
     """
 
     t_ns: int
@@ -60,9 +70,13 @@ class TrackTruth(BaseMessage):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LooseTruth(BaseMessage):
-    """Where things that can move truly are; bodies: (n,) their names, in the model's order.
+    """Where things that can move truly are.
 
-    position_m: (n, 3) of their centres in the world; quaternion_wxyz: (n, 4).
+    Attributes:
+        t_ns: instant, ns.
+        bodies: (n,) their names, in the model's order.
+        position_m: (n, 3) origins of the bodies in the world, m.
+        quaternion_wxyz: (n, 4) world_from_body.
     """
 
     t_ns: int
@@ -76,16 +90,34 @@ Published = Message | Truth | TrackTruth | LooseTruth
 
 
 class RayCaster(Protocol):
-    """What a LiDAR needs of the world."""
+    """A world as a LiDAR measures it."""
 
     def cast(self, origins_m: FloatArray, directions: FloatArray, cutoff_m: float) -> FloatArray:
-        """Ranges (n,) along unit ``directions`` (n, 3) from ``origins_m`` (n, 3); -1: nothing."""
+        """Measure the ranges of the rays of one control period.
+
+        Args:
+            origins_m: (n, 3) in the world, m, millimetres apart.
+            directions: (n, 3) unit vectors in the world.
+            cutoff_m: longest range, m.
+
+        Returns:
+            (n,) ranges, m; -1 where nothing is met within the cutoff.
+        """
         ...
 
 
 class RayFan(Protocol):
-    """What a camera needs of the world."""
+    """A world as a camera measures it."""
 
     def look(self, origin_m: FloatArray, directions: FloatArray, cutoff_m: float) -> FloatArray:
-        """Ranges (n,) along unit ``directions`` (n, 3) from ``origin_m`` (3,); -1: nothing."""
+        """Measure the ranges of rays from one origin.
+
+        Args:
+            origin_m: (3,) in the world, m.
+            directions: (n, 3) unit vectors in the world.
+            cutoff_m: longest range, m.
+
+        Returns:
+            (n,) ranges, m; -1 where nothing is met within the cutoff.
+        """
         ...

@@ -1,4 +1,4 @@
-"""The sensors' figures: quantisation, noise, bias, and a sweep that is skewed by motion."""
+"""The sensors: quantisation, noise, bias, and a scan that motion distorts."""
 
 from __future__ import annotations
 

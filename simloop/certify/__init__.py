@@ -1,7 +1,7 @@
-"""A certificate for the tracks: the simulated vehicle against closed forms, check by check.
+"""The certificate of the tracks: checks of the simulated vehicle against closed forms.
 
-Each family of checks is a generator; what theory says comes from ``track_theory``, which knows
-nothing of the simulator. See docs/tracks.md.
+Each family of checks is a generator. The closed forms are in `track_theory` and `turning_theory`,
+which use nothing of the simulator. docs/tracks.md explains the forms and their ranges.
 """
 
 from __future__ import annotations
@@ -15,7 +15,11 @@ Family = Callable[[], Iterator[Check]]
 
 
 def families() -> dict[str, Family]:
-    """Every family by its name, in the order of the table."""
+    """List the families of checks.
+
+    Returns:
+        Every family by its name, in the order of the table.
+    """
     from simloop.certify import ground, native, pulling, slopes, turning
 
     return {
@@ -47,19 +51,40 @@ def families() -> dict[str, Family]:
 
 
 def run(only: Sequence[str] = ()) -> Iterator[Check]:
-    """The checks of the families named, or of all, one by one as they are done."""
+    """Do checks, one by one.
+
+    Args:
+        only: names of families; empty: all of them.
+
+    Yields:
+        Each check when it is done.
+    """
     for name, family in families().items():
         if not only or name in only:
             yield from family()
 
 
 def passed(checks: Sequence[Check]) -> bool:
-    """Whether all hold that count."""
+    """Whether the certificate holds.
+
+    Args:
+        checks: what was done.
+
+    Returns:
+        True if every check holds that is not merely informative.
+    """
     return all(check.ok for check in checks if not check.informative)
 
 
 def figures(checks: Sequence[Check]) -> dict[str, Any]:
-    """What ``--json`` writes, but for versions and machine; comparison: MuJoCo's own friction."""
+    """Collect what ``--json`` writes, without versions and machine.
+
+    Args:
+        checks: what was done.
+
+    Returns:
+        ``ok``, the ``checks``, and the ``comparison`` with MuJoCo's own friction.
+    """
     return {
         "ok": passed(checks),
         "checks": [check.as_dict() for check in checks if not check.informative],

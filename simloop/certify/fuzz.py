@@ -1,6 +1,6 @@
-"""Random commands, poses, ground and drops: nothing may become infinite, or gain energy.
+"""Random vehicles, ground, drops and commands: no state may become infinite or gain energy.
 
-An episode is made from its seed alone, so that any failure is found again from one number.
+An episode depends on its seed alone, so one number is enough to reproduce a failure.
 """
 
 from __future__ import annotations
@@ -13,19 +13,28 @@ import mujoco
 import numpy as np
 
 from simloop.certify.ground import kinetic_and_potential, spent_j
-from simloop.certify.rig import CONTROL_S, Bench, Block, Rig
+from simloop.certify.rig import CONTROL_S, Bench, Rig
+from simloop.certify.rig_parts import Block
 from simloop.worlds.terrain import MOST_ROUGH_STEP_S
 
 _STEPS_S = (0.001, 0.002, 0.005)
 _EPISODE_S = 4.0
 _FASTEST_MPS = 50.0  # four seconds of free fall give 39 m/s
-_LEAST_J, _SHARE = 0.5, 0.01
-_CLEAR_M = 0.65
+_LEAST_J, _SHARE = 0.5, 0.01  # energy from nowhere that is tolerated: so much, and of turnover
+_CLEAR_M = 0.65  # between centres of things that must not overlap at the start
 
 
 @dataclass(frozen=True, slots=True)
 class Episode:
-    """steps: physics steps done. gain_j: most energy from nowhere; turnover_j: what was moved."""
+    """The outcome of one episode.
+
+    Attributes:
+        seed: that it was made from.
+        steps: physics steps done.
+        gain_j: most energy that came from nowhere.
+        turnover_j: energy that was moved in all.
+        failure: what went wrong; empty if nothing did.
+    """
 
     seed: int
     steps: int
@@ -35,7 +44,15 @@ class Episode:
 
 
 def episodes(seed: int, least_steps: int) -> Iterator[Episode]:
-    """Episodes with seeds from ``seed`` on, until at least so many steps are done."""
+    """Run episodes with consecutive seeds.
+
+    Args:
+        seed: the first seed.
+        least_steps: physics steps after which no further episode begins.
+
+    Yields:
+        Each episode when it is done.
+    """
     done = 0
     while done < least_steps:
         episode = run_episode(seed)
@@ -44,7 +61,14 @@ def episodes(seed: int, least_steps: int) -> Iterator[Episode]:
 
 
 def random_rig(rng: np.random.Generator) -> Rig:
-    """A vehicle and its ground."""
+    """Draw a vehicle and its ground.
+
+    Args:
+        rng: the episode's generator.
+
+    Returns:
+        The rig.
+    """
     step, friction = float(rng.choice(_STEPS_S)), float(rng.uniform(0.1, 1.2))
     blocks = []
     for _ in range(int(rng.integers(0, 6))):
@@ -56,8 +80,8 @@ def random_rig(rng: np.random.Generator) -> Rig:
         tilt = float(rng.uniform(-0.3, 0.3)) if tilted else 0.0
         blocks.append(Block((x, y, high - 0.25), half, tilt, name=kind))
     for _ in range(int(rng.integers(0, 3))):
-        # Clear of the walls below and of one another: what begins inside another thing gains
-        # energy by right.
+        # Clear of the vehicle and of one another: things that overlap at the start are pushed
+        # apart, which rightly gives them energy.
         x, y = rng.uniform(-1.0, 1.0, 2)
         if math.hypot(x, y) < _CLEAR_M or any(
             block.mass_kg and math.dist((x, y), block.centre_m[:2]) < _CLEAR_M for block in blocks
@@ -87,7 +111,7 @@ def random_rig(rng: np.random.Generator) -> Rig:
 
 
 def _drop(bench: Bench, rng: np.random.Generator) -> None:
-    """About the middle, any heading, tilted, clear of all blocks, up to 0.5 m above them."""
+    """Put the vehicle near the middle, tilted, at any heading, 0.2 to 0.5 m above all blocks."""
     data, model = bench.plant.data, bench.plant.model
     yaw, roll, pitch = rng.uniform(-math.pi, math.pi), *rng.uniform(-0.4, 0.4, 2)
     data.qpos[:2] = rng.uniform(-0.1, 0.1, 2)
@@ -100,7 +124,14 @@ def _drop(bench: Bench, rng: np.random.Generator) -> None:
 
 
 def run_episode(seed: int) -> Episode:
-    """One vehicle, one ground, one drop, four seconds of random voltages and brakes."""
+    """Drop a random vehicle on random ground, and drive it at random for four seconds.
+
+    Args:
+        seed: of everything.
+
+    Returns:
+        The episode.
+    """
     rng = np.random.default_rng(seed)
     rig = random_rig(rng)
     bench = rig.build(settle_s=0.0)
@@ -126,12 +157,13 @@ def run_episode(seed: int) -> Episode:
 
 
 def _failure(bench: Bench) -> str:
+    """What is wrong with the state now; empty if nothing is."""
     data = bench.plant.data
     if not (np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all()):
-        return "a state that is no number"
+        return "the state is not finite"
     for kind, warning in enumerate(data.warning):
         if warning.number:
             return f"MuJoCo: {mujoco.mjtWarning(kind).name}"
     if np.abs(data.qvel[:3]).max() > _FASTEST_MPS:
-        return f"{np.abs(data.qvel[:3]).max():.1f} m/s"
+        return f"the vehicle moves at {np.abs(data.qvel[:3]).max():.1f} m/s"
     return ""

@@ -1,4 +1,4 @@
-"""Ground that is no plane, loose things, walls, energy and momentum."""
+"""Checks of energy, momentum, steps, ramps, rough ground, friction zones, loose things, walls."""
 
 from __future__ import annotations
 
@@ -10,20 +10,26 @@ import mujoco
 import numpy as np
 
 from simloop.certify.checks import Check, absolute, at_most, relative, verdict
-from simloop.certify.rig import GRAVITY_MPS2, RADIUS_M, Bench, Block, Rig
+from simloop.certify.rig import GRAVITY_MPS2, Bench, Rig
+from simloop.certify.rig_parts import RADIUS_M, Block
 from simloop.config import FrictionZone
 from simloop.physics import track_theory as theory
+from simloop.physics import turning_theory
 
 _SEED = 20261125
 _BEARINGS: tuple[tuple[str, Literal["rail", "pivot"], float], ...] = (
     ("sled", "rail", 5.0),
     ("turntable", "pivot", 0.2),
 )
-"""Name, bearing and mass, kg, of what is so large that no manoeuvre leaves it."""
+"""Name, bearing and mass, kg, of movable ground that is too large to drive off."""
 
 
 def energy() -> Iterator[Check]:
-    """Work of the motors' shafts = kinetic + potential + shear + joint friction (form 8)."""
+    """Work of the motors' shafts = kinetic + potential + shear + joint friction (form 8).
+
+    Yields:
+        Checks of the balance over random manoeuvres, at three time steps.
+    """
     rng = np.random.default_rng(_SEED)
     for step in (0.001, 0.002, 0.005):
         for number in range(4):
@@ -48,7 +54,7 @@ def energy() -> Iterator[Check]:
 
 
 def _balance(name: str, rig: Rig, rng: np.random.Generator, brakes: float = 0.0) -> Check:
-    """The shafts' work against all that became of it. brakes: how often they are on."""
+    """The balance over twelve random commands; brakes: probability that they are on."""
     bench = rig.build()
     before = _mechanical(bench)
     for _ in range(12):
@@ -59,6 +65,7 @@ def _balance(name: str, rig: Rig, rng: np.random.Generator, brakes: float = 0.0)
 
 
 def _balanced(group: str, name: str, bench: Bench, before_j: float) -> Check:
+    """The shafts' work against where it went, since the mechanical energy was ``before_j``."""
     work = bench.plant.work_j()
     spent = _mechanical(bench) - before_j + work[1] + work[2]
     return relative(group, name, float(spent), float(work[3]), 0.01, "J")
@@ -74,7 +81,14 @@ def _mechanical(bench: Bench) -> float:
 
 
 def kinetic_and_potential(bench: Bench) -> float:
-    """The same without touching the simulation's state; positions are a step old."""
+    """Kinetic and potential energy, without a forward pass that changes the simulation's state.
+
+    Args:
+        bench: the rig; its positions are those of the last step's beginning.
+
+    Returns:
+        Energy, J.
+    """
     model, data = bench.plant.model, bench.plant.data
     momentum = np.empty(model.nv)
     mujoco.mj_mulM(model, data, momentum, data.qvel)
@@ -83,13 +97,24 @@ def kinetic_and_potential(bench: Bench) -> float:
 
 
 def spent_j(bench: Bench) -> float:
-    """What the tracks and joints took, J, less what the motors' shafts gave."""
+    """Energy that tracks and joints took, less what the motors' shafts gave.
+
+    Args:
+        bench: the rig.
+
+    Returns:
+        Energy since the reset, J.
+    """
     work = bench.plant.work_j()
     return float(work[1] + work[2] - work[3])
 
 
 def steps_agree() -> Iterator[Check]:
-    """Where a manoeuvre ends at 5 ms against 1 ms steps, as a share of the way driven."""
+    """A manoeuvre ends at the same place with steps of 1 ms and of 5 ms.
+
+    Yields:
+        Checks of the end's shift over the way driven, and of the yaw.
+    """
     for friction in (0.3, 0.6, 0.9):
         ends, ways = [], []
         for step in (0.001, 0.005):
@@ -108,9 +133,13 @@ def steps_agree() -> Iterator[Check]:
 
 
 def zones() -> Iterator[Check]:
-    """Half of the robot on ice: each track pulls what its own ground gives."""
+    """With one track on ice, each track pulls what its own ground gives.
+
+    Yields:
+        Checks of both tracks' pull.
+    """
     ice = FrictionZone((-5.0, 0.0), (5.0, 5.0), 0.15)
-    bench = Rig(friction=0.7, tracks={"zones": (ice,)}).build()
+    bench = Rig(friction=0.7, zones=(ice,)).build()
     bench.hold(0.0, 1.0, volts=20.0)
     for side, (label, friction) in enumerate((("left, on ice", 0.15), ("right", 0.7))):
         pull = float(bench.plant.tracks.track_force[side])
@@ -119,7 +148,11 @@ def zones() -> Iterator[Check]:
 
 
 def loose() -> Iterator[Check]:
-    """A box is pushed with its own friction's force; a sled under the tracks takes their thrust."""
+    """A box is pushed with its friction's force; a sled and a turntable take the tracks' thrust.
+
+    Yields:
+        Checks of forces, momenta and energy.
+    """
     for mass, friction in ((1.0, 0.5), (3.0, 0.4)):
         box = Block((0.4, 0.0, 0.08), (0.1, 0.15, 0.08), 0.0, mass, friction)
         rig = Rig(blocks=(box,))
@@ -127,7 +160,7 @@ def loose() -> Iterator[Check]:
         model = bench.plant.model
         model.geom_friction[model.geom("floor").id, 0] = friction
         for geom in range(model.ngeom):
-            # A hull that rubs would carry a part of the box.
+            # A hull that rubs on the box would carry a part of its weight.
             if model.geom(geom).name.startswith("hull_"):
                 model.geom_condim[geom] = 1
         bench.drive((8.0, 8.0), 2.0)
@@ -135,7 +168,8 @@ def loose() -> Iterator[Check]:
         for _ in range(200):
             bench.drive((8.0, 8.0), 0.01)
             thrusts.append(float(bench.plant.tracks.track_force.sum()))
-        pull = float(np.mean(thrusts))  # MuJoCo's own friction makes the box hop as it slides
+        # MuJoCo's own friction makes the box hop as it slides, so the mean is what counts.
+        pull = float(np.mean(thrusts))
         expected = friction * mass * GRAVITY_MPS2
         yield relative("loose box", f"{mass:g} kg: thrust", pull, expected, 0.02, "N")
     yield from _sled()
@@ -143,10 +177,10 @@ def loose() -> Iterator[Check]:
 
 
 def _sled() -> Iterator[Check]:
-    """What the vehicle gains, whatever it stands on gives; a zone is of the ground, not of that."""
+    """The vehicle gains the momentum that a sled under it loses; ice below it does not matter."""
     sled = Block((0.0, 0.0, -0.05), (1.0, 0.5, 0.05), 0.0, 5.0, bearing="rail")
     ice = FrictionZone((-9.0, -9.0), (9.0, 9.0), 0.05)
-    bench = Rig(blocks=(sled,), floor=False, tracks={"zones": (ice,)}).build()
+    bench = Rig(blocks=(sled,), floor=False, zones=(ice,)).build()
     before = _mechanical(bench)
     bench.drive((20.0, 20.0), 0.2)
     yield _balanced("loose sled", "shafts' work, while it speeds up", bench, before)
@@ -161,8 +195,7 @@ def _sled() -> Iterator[Check]:
 
 
 def _turntable() -> Iterator[Check]:
-    """As light as the vehicle, so that it turns the other way as fast: only their difference
-    counts for the spin ratio."""
+    """A turntable takes the vehicle's angular momentum; the spin ratio is relative to it."""
     table = Block((0.0, 0.0, -0.05), (0.8, 0.8, 0.05), 0.0, 0.5, bearing="pivot")
     bench = Rig(blocks=(table,), floor=False).build()
     before = _mechanical(bench)
@@ -181,11 +214,17 @@ def _turntable() -> Iterator[Check]:
     left, right = bench.belts_mps()
     turned = bench.motion()[2] - float(data.qvel[model.jnt_dofadr[-1]])
     chi = turned * bench.rig.gauge_m / (right - left)
-    yield relative("turntable", "spin ratio on it", chi, theory.spin_ratio(0.415, 0.39), 0.005)
+    yield relative(
+        "turntable", "spin ratio on it", chi, turning_theory.spin_ratio(0.415, 0.39), 0.005
+    )
 
 
 def steps() -> Iterator[Check]:
-    """Steps from below to above the height that plane statics allows."""
+    """Steps are climbed up to the height that plane statics allows (form 6).
+
+    Yields:
+        Checks below and above that height, and of a low sill.
+    """
     for friction in (0.3, 0.4, 0.5):
         bench = Rig().build()
         x, height = bench.rig.support_x()[0], float(bench.centre_m[2])
@@ -205,13 +244,17 @@ def steps() -> Iterator[Check]:
 
 
 def _top(block: Block, height: float) -> Block:
-    """The block with its upper face at a height, half a metre deep in the ground."""
+    """The block with its upper face at a height, m; it reaches a metre below that."""
     x, y, _ = block.centre_m
     return Block((x, y, height - 0.5), (block.half_m[0], block.half_m[1], 0.5))
 
 
 def ramps() -> Iterator[Check]:
-    """A ramp of geometry climbs like tilted gravity, up to where friction ends."""
+    """A ramp of geometry is climbed if friction allows it, as tilted gravity is (form 6).
+
+    Yields:
+        Checks of whether it is climbed.
+    """
     for friction, angle, climbs in ((0.6, 0.25, True), (0.3, 0.25, True), (0.2, 0.25, False)):
         ramp = Block(
             (0.25 + math.cos(angle), 0.0, math.sin(angle) - 0.1 * math.cos(angle)),
@@ -225,7 +268,11 @@ def ramps() -> Iterator[Check]:
 
 
 def rough() -> Iterator[Check]:
-    """Over a height field the wheels carry the weight, and nothing gives energy but the motors."""
+    """On a height field the wheels carry the weight, and only the motors give energy.
+
+    Yields:
+        Checks of mean load, energy and progress.
+    """
     for number, height in enumerate((0.01, 0.02, 0.04)):
         bench = Rig(rough_m=height, rough_seed=number).build()
         start = kinetic_and_potential(bench) + spent_j(bench)
@@ -243,7 +290,11 @@ def rough() -> Iterator[Check]:
 
 
 def walls() -> Iterator[Check]:
-    """Against a wall at full voltage: it does not climb, stick, or gain energy."""
+    """Against a wall at full voltage the vehicle does not climb, stick, or gain energy.
+
+    Yields:
+        Checks head on and slanting.
+    """
     wall = Block((0.55, 0.0, 0.5), (0.1, 2.0, 0.5), name="wall")
     for name, left, right in (("head on", 24.0, 24.0), ("slanting", 24.0, 18.0)):
         bench = Rig(friction=1.0, blocks=(wall,)).build()

@@ -1,4 +1,4 @@
-"""The same vehicle with MuJoCo's own friction under moving surfaces, for comparison only."""
+"""The same vehicle with MuJoCo's own friction under moving surfaces, as a comparison."""
 
 from __future__ import annotations
 
@@ -8,17 +8,22 @@ from dataclasses import replace
 import numpy as np
 
 from simloop.certify.checks import Check, absolute, relative
-from simloop.certify.rig import RADIUS_M, Rig
-from simloop.physics import track_theory as theory
+from simloop.certify.rig import Rig
+from simloop.certify.rig_parts import RADIUS_M
+from simloop.physics import turning_theory
 
 
 def native() -> Iterator[Check]:
-    """Turning on the spot with ``surfacevel`` on the road wheels: it turns too little, and hops."""
-    expected = theory.spin_ratio(0.415, 0.39)
+    """With ``surfacevel`` on the road wheels, a vehicle turns too little on the spot, and hops.
+
+    Yields:
+        Informative checks of spin ratio and vertical speed.
+    """
+    expected = turning_theory.spin_ratio(0.415, 0.39)
     for friction in (0.4, 0.7):
         for sprocket in (1.0, 4.0, 10.0):
             belt = sprocket * RADIUS_M
-            # Our own shear is off: friction next to nothing.
+            # The tracks' own shear is switched off by a friction of almost 0.
             rig = Rig(friction=friction, native_belts_mps=(-belt, belt))
             bench = rig.build(own_friction=1e-9)
             bench.lock_belts()

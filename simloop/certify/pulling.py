@@ -1,4 +1,4 @@
-"""Pulling and motors: slip curves, bollard pull, stall, current limit, free-wheeling."""
+"""Checks of slip curve, bollard pull, stall, current limit, motor speed and coasting."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from simloop.certify.checks import Check, absolute, at_most, relative
-from simloop.certify.rig import RADIUS_M, Bench, Rig
+from simloop.certify.rig import Bench, Rig
+from simloop.certify.rig_parts import RADIUS_M
 from simloop.config import MotorConfig
 from simloop.physics import track_theory as theory
 
@@ -17,7 +18,11 @@ _BELT_MPS = 0.2
 
 
 def straight() -> Iterator[Check]:
-    """v = r w (1 - i) with i next to nothing on the level (form 1)."""
+    """On level ground v = r w, with almost no slip (form 1).
+
+    Yields:
+        Checks of speed and drift.
+    """
     for speed in (0.5, 3.0, 12.0):
         bench = Rig().build()
         bench.run_belts(speed * RADIUS_M, speed * RADIUS_M)
@@ -28,7 +33,11 @@ def straight() -> Iterator[Check]:
 
 
 def slip_curve() -> Iterator[Check]:
-    """Janosi-Hanamoto's pull over slip (form 5), towed by a force and by a winch."""
+    """Pull over slip is the Janosi-Hanamoto curve (form 5).
+
+    Yields:
+        Checks of the slip under a towing force, and of the pull on a winch of constant speed.
+    """
     for share in (0.2, 0.5, 0.8, 0.95):
         bench = Rig(open_circuit=True).build()
         bench.run_belts(_BELT_MPS, _BELT_MPS)
@@ -50,7 +59,7 @@ def slip_curve() -> Iterator[Check]:
 
 
 def _other_winches() -> Iterator[tuple[str, Rig, float, float]]:
-    """Backwards, pushed instead of pulled, other ground, speeds and steps."""
+    """Conditions of further winches: name, rig, slip and belt speed, m/s."""
     for slip in (-0.003, -0.03, -0.5):
         yield "pushed", Rig(open_circuit=True), slip, _BELT_MPS
     for slip in (0.01, -0.01):
@@ -64,7 +73,7 @@ def _other_winches() -> Iterator[tuple[str, Rig, float, float]]:
 
 
 def _winched(rig: Rig, slip: float, belt_mps: float = _BELT_MPS) -> tuple[float, float]:
-    """Pull over mu W the way the belts run, and the slip, at a speed that nothing changes."""
+    """Pull over mu W in the belts' direction, and slip, at a speed that is kept constant."""
     bench = rig.build()
     bench.run_belts(belt_mps, belt_mps)
     bench.hold(belt_mps * (1.0 - slip), max(4.0, 0.8 / abs(belt_mps)))
@@ -77,7 +86,11 @@ def _slip(bench: Bench) -> float:
 
 
 def bollard() -> Iterator[Check]:
-    """Held by an immovable rope: the pull is mu W, or what the current gives (forms 5, 7)."""
+    """A vehicle that is held pulls mu W, or what the current limit gives (forms 5, 7).
+
+    Yields:
+        Checks of pull, torque and current.
+    """
     motor, rolling = MotorConfig(), 0.02
     for friction in (0.2, 0.5, 0.8, 1.0):
         bench = Rig(friction=friction).build()
@@ -93,7 +106,8 @@ def bollard() -> Iterator[Check]:
     for volts, limit in ((2.0, 5.0), (24.0, 5.0)):
         rig = Rig(friction=2.0, payload_kg=10.0, payload_m=(0.0, 0.0, 0.1))
         bench = rig.build()
-        # Slowly, so that it does not swing back: then the gears' friction would push, not brake.
+        # The voltage rises slowly so that the vehicle does not swing back in the rope: gear
+        # friction would then push instead of brake.
         for share in np.linspace(0.1, 1.0, 10):
             bench.drive((share * volts, share * volts), 0.3, _rope)
         bench.drive((volts, volts), 3.0, _rope)
@@ -110,13 +124,17 @@ def bollard() -> Iterator[Check]:
 
 
 def _rope(bench: Bench) -> None:
-    """Holds base_link with a spring and a damper so stiff that the vehicle stays where it was."""
+    """Hold base_link by a spring and a damper that are almost rigid."""
     x, v = bench.truth.pose_xyyaw[0], bench.motion()[0]
     bench.tow(-8000.0 * x - 600.0 * v)
 
 
 def motors() -> Iterator[Check]:
-    """Speed under the rolling load, and coasting: shorted, gear friction brings it to rest."""
+    """Motors reach the speed of their characteristic; shorted, they come to rest (form 7).
+
+    Yields:
+        Checks of speed, current and energy.
+    """
     motor = MotorConfig()
     for volts in (6.0, 12.0, 24.0):
         bench = Rig().build()
@@ -139,7 +157,11 @@ def motors() -> Iterator[Check]:
 
 
 def free_wheels() -> Iterator[Check]:
-    """In the air J dw/dt = k I - gear friction (form 7), up to the no-load speed; and coasting."""
+    """In the air J dw/dt = k I - friction, up to the no-load speed; and coasting (form 7).
+
+    Yields:
+        Checks of acceleration, no-load speed and current, and of deceleration without current.
+    """
     motor = MotorConfig()
     gear = motor.no_load_current_a * motor.torque_nm_per_a
     for volts in (24.0, -24.0):

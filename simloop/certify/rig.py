@@ -1,62 +1,64 @@
-"""Test rigs: the vehicle of models/tracked_ugv.xml, stretched, loaded, towed, on planes and steps.
+"""Test rigs: the vehicle stretched, loaded, towed, on planes, slopes and steps.
 
-Every rig is the very file and the very plant that the loop drives; only lengths, masses, wheels
-and ground are set. No clock, no chance.
+A rig takes models/tracked_ugv.xml and the plant that the simulation loop uses. It changes lengths,
+masses, wheels and ground only. Nothing depends on the clock or on chance.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
+from simloop.certify.rig_parts import RADIUS_M, Block, add_block, add_rough, add_wheels
 from simloop.common.data_files import models_dir
 from simloop.config import (
     Config,
+    FrictionZone,
     MotorConfig,
     PayloadConfig,
     RatesConfig,
     TracksConfig,
-    VehicleConfig,
 )
 from simloop.messages import FloatArray
-from simloop.physics import track_theory as theory
+from simloop.physics import turning_theory
 from simloop.physics.plant import Plant
 from simloop.truth import Truth
 from simloop.worlds.arena import add_payload
 
 GRAVITY_MPS2 = 9.81
 CONTROL_S = 0.01
-RADIUS_M = VehicleConfig().sprocket_radius_m
+# Added to a joint so that it keeps its speed whatever resists.
 _HEAVY_KGM2, _HEAVY_KG = 1e4, 1e3
-_ROUGH_CELLS = 201
-
-
-@dataclass(frozen=True, slots=True)
-class Block:
-    """A box on or in the ground: centre, half sizes, m; pitch, rad; mass_kg > 0 makes it loose,
-    a rail lets it move along x alone, a pivot turn about z alone."""
-
-    centre_m: tuple[float, float, float]
-    half_m: tuple[float, float, float]
-    pitch_rad: float = 0.0
-    mass_kg: float = 0.0
-    friction: float = 0.5
-    bearing: Literal["none", "rail", "pivot"] = "none"
-    name: str = "ground_block"
 
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """What is built. Tilts turn gravity: pitch > 0 leads uphill along +x, roll > 0 lifts the left.
+    """A vehicle and its ground. Slopes are made by tilting gravity.
 
-    rough_m: height of a random height field of 8 m x 8 m in place of the plane.
-    native_belts_mps: MuJoCo's own friction under surfaces that move so. open_circuit: motors that
-    give no torque. braked: holding brakes on from the beginning.
+    Attributes:
+        length_m: contact length.
+        gauge_m: between the tracks' centre lines.
+        wheels: road wheels a side.
+        payload_kg: load on the chassis.
+        payload_m: (3,) its place in base_link.
+        friction: of the ground.
+        step_s: physics step.
+        pitch_rad: slope; above 0 +x leads uphill.
+        roll_rad: side slope; above 0 the left side is higher.
+        rolling_resistance: drag over load.
+        shear_modulus_m: of the brush.
+        zones: ground with a friction of its own.
+        blocks: boxes on or in the ground.
+        floor: whether there is a plane to stand on.
+        rough_m: height of a random height field in place of the plane; 0: none.
+        rough_seed: of the height field.
+        native_belts_mps: speeds, left and right, of surfaces with MuJoCo's own friction.
+        braked: holding brakes on from the beginning.
+        open_circuit: motors that give no torque.
     """
 
     length_m: float = 0.415
@@ -69,6 +71,8 @@ class Rig:
     pitch_rad: float = 0.0
     roll_rad: float = 0.0
     rolling_resistance: float = 0.02
+    shear_modulus_m: float = 0.001
+    zones: tuple[FrictionZone, ...] = ()
     blocks: tuple[Block, ...] = ()
     floor: bool = True
     rough_m: float = 0.0
@@ -76,42 +80,72 @@ class Rig:
     native_belts_mps: tuple[float, float] | None = None
     braked: bool = False
     open_circuit: bool = False
-    tracks: dict[str, object] = field(default_factory=dict)
 
     def config(self, friction: float) -> Config:
-        """The settings of this rig's plant."""
+        """Settings of this rig's plant.
+
+        Args:
+            friction: of the tracks.
+
+        Returns:
+            The settings; all that the rig does not name is the default.
+        """
         motor = MotorConfig(resistance_ohm=1e6) if self.open_circuit else MotorConfig()
         return Config(
             motor=motor,
             rates=RatesConfig(physics_s=self.step_s),
             tracks=TracksConfig(
                 friction=friction,
+                zones=self.zones,
+                shear_modulus_m=self.shear_modulus_m,
                 rolling_resistance=self.rolling_resistance,
-                **self.tracks,  # type: ignore[arg-type]
             ),
         )
 
     def build(self, own_friction: float | None = None, settle_s: float = 0.5) -> Bench:
-        """The rig at rest, settled. own_friction: of the tracks, where it is not the rig's."""
+        """Build the rig and let it settle.
+
+        Args:
+            own_friction: of the tracks, if it is not the rig's.
+            settle_s: how long it settles, s.
+
+        Returns:
+            The rig at rest.
+        """
         friction = self.friction if own_friction is None else own_friction
         return Bench(self, friction, settle_s)
 
     def support_x(self) -> FloatArray:
-        """(n,) of the road wheels of a side, front to rear, m: the middles of n equal pieces."""
+        """Places of the road wheels: the middles of equal pieces of the contact length.
+
+        Returns:
+            (wheels,) x of one side, front to rear, m.
+        """
         cell = self.length_m / self.wheels
         return 0.5 * self.length_m - cell * (np.arange(self.wheels, dtype=np.float64) + 0.5)
 
     def gravity(self) -> FloatArray:
-        """(3,) m/s^2, as the tilts turn it."""
+        """Gravity as the slopes tilt it.
+
+        Returns:
+            (3,) m/s^2.
+        """
         cos = math.cos(self.pitch_rad)
         across, down = math.sin(self.roll_rad) * cos, math.cos(self.roll_rad) * cos
         return -GRAVITY_MPS2 * np.array([math.sin(self.pitch_rad), across, down])
 
 
 class Bench:
-    """A rig's plant with the hands to drive, tow and measure it."""
+    """A rig's plant, with the means to drive, tow and measure it."""
 
     def __init__(self, rig: Rig, friction: float, settle_s: float) -> None:
+        """Build the plant and let it settle.
+
+        Args:
+            rig: what is built.
+            friction: of the tracks.
+            settle_s: how long it settles, s.
+        """
         self.rig = rig
         self.plant = Plant(_model(rig), rig.config(friction))
         self._belts_mps: tuple[float, float] | None = None
@@ -132,7 +166,16 @@ class Bench:
         seconds: float,
         each: Callable[[Bench], None] | None = None,
     ) -> Truth:
-        """Constant voltages for a while; ``each`` is called before every control period."""
+        """Apply constant voltages for a while.
+
+        Args:
+            volts: left and right, V.
+            seconds: how long, s.
+            each: called before every control period.
+
+        Returns:
+            The truth at the end.
+        """
         for _ in range(round(seconds / CONTROL_S)):
             if each is not None:
                 each(self)
@@ -141,8 +184,15 @@ class Bench:
         return self.truth
 
     def run_belts(self, left_mps: float, right_mps: float) -> None:
-        """Make the sprockets so heavy that the belts keep these speeds whatever resists; what a
-        control period takes from them all the same is given back before the next."""
+        """Make the belts run at constant speeds from now on, whatever resists.
+
+        The sprockets become very heavy. The speed that they lose in a control period all the same
+        is given back before the next.
+
+        Args:
+            left_mps: m/s.
+            right_mps: m/s.
+        """
         self._belts_mps = (left_mps, right_mps)
         self.plant.model.dof_armature[self._sprockets] = _HEAVY_KGM2
         self._keep_belts()
@@ -152,30 +202,47 @@ class Bench:
             self.plant.data.qvel[self._sprockets] = np.array(self._belts_mps) / RADIUS_M
 
     def sprocket_inertia_kgm2(self) -> float:
-        """Of one sprocket about its axle, with its motor's rotor."""
+        """Inertia of one sprocket about its axle, with its motor's rotor.
+
+        Returns:
+            Inertia, kg m^2.
+        """
         model = self.plant.model
         joint = model.joint("sprocket_left_joint")
         own = float(model.body_inertia[joint.bodyid[0]].max())
         return own + float(model.dof_armature[joint.dofadr[0]])
 
     def push_off(self, speed_mps: float) -> None:
-        """The vehicle and its belts at one speed along x."""
+        """Set the vehicle and its belts to one speed.
+
+        Args:
+            speed_mps: along x, m/s.
+        """
         self.plant.data.qvel[0] = speed_mps
         self.plant.data.qvel[self._sprockets] = speed_mps / RADIUS_M
 
     def lock_belts(self) -> None:
-        """Belts that cannot move."""
+        """Stop the belts from now on."""
         self.run_belts(0.0, 0.0)
 
     def tow(self, force_n: float) -> None:
-        """A force along x, at ground level, from now on."""
+        """Pull at ground level from now on.
+
+        Args:
+            force_n: along x, N.
+        """
         self.plant.data.qfrc_applied[0] = force_n
 
     def hold(self, speed_mps: float, seconds: float, volts: float = 0.0) -> None:
-        """A winch that keeps the vehicle at this speed along x, and from turning.
+        """Keep the vehicle at one speed and from turning, as a winch does.
 
-        It is made heavy, and towed with what the tracks pushed last; still heavier, and the
-        supports' solver would lose its digits.
+        The vehicle becomes heavy, and is towed with what the tracks pushed last. If it were still
+        heavier, the contact solver would lose digits.
+
+        Args:
+            speed_mps: along x, m/s.
+            seconds: how long, s.
+            volts: of both motors, V.
         """
         self.plant.model.dof_armature[[0, 1, 5]] = _HEAVY_KG
         self.plant.data.qvel[0] = speed_mps
@@ -186,7 +253,15 @@ class Bench:
         self.drive((volts, volts), seconds, pull)
 
     def swing(self, yaw_rate: float, seconds: float) -> float:
-        """Turn the vehicle by hand, with belts that keep pace: the tracks' moment, N m, about z."""
+        """Turn the vehicle by hand, with belts that have no slip along themselves.
+
+        Args:
+            yaw_rate: rad/s.
+            seconds: how long, s.
+
+        Returns:
+            The tracks' moment about z, N m.
+        """
         pace = 0.5 * self.rig.gauge_m * yaw_rate
         self.run_belts(-pace, pace)
         self.plant.model.dof_armature[5] = _HEAVY_KG
@@ -198,7 +273,11 @@ class Bench:
         return float(self.plant.data.xfrc_applied[self._base_id(), 5])
 
     def drive_without_yaw(self, seconds: float) -> None:
-        """Let the belts run on while something keeps the vehicle from turning."""
+        """Let the belts run on while the vehicle is kept from turning.
+
+        Args:
+            seconds: how long, s.
+        """
         self.plant.model.dof_armature[5] = _HEAVY_KG
 
         def straight(it: Bench) -> None:
@@ -207,39 +286,58 @@ class Bench:
         self.drive((0.0, 0.0), seconds, straight)
 
     def motion(self) -> tuple[float, float, float]:
-        """v_x, v_y, yaw rate in base_link."""
+        """The vehicle's planar motion.
+
+        Returns:
+            v_x, v_y in base_link, m/s, and yaw rate, rad/s.
+        """
         v = self.truth.velocity_body
         return float(v[0]), float(v[1]), float(v[5])
 
     def belts_mps(self) -> tuple[float, float]:
-        """Belt speeds, left, right."""
+        """The belts' speeds.
+
+        Returns:
+            Left and right, m/s.
+        """
         left, right = RADIUS_M * self.truth.sprocket_radps
         return float(left), float(right)
 
     def spin_ratio(self) -> float:
-        """chi: yaw rate over what the belts would give without slip."""
+        """Yaw rate over what the belts would give without slip.
+
+        Returns:
+            chi.
+        """
         left, right = self.belts_mps()
         return float(self.truth.velocity_body[5]) * self.rig.gauge_m / (right - left)
 
-    def cells(self, fine: int = 50) -> theory.Cells:
-        """The belts as theory has them, with the loads of beam statics spread about each wheel.
+    def cells(self, fine: int = 50) -> turning_theory.Cells:
+        """The belts as theory has them: loads of beam statics, spread about each wheel.
 
         On a slope the weight bears where its line through the centre of gravity meets the ground.
+
+        Args:
+            fine: cells for each road wheel.
+
+        Returns:
+            The belts with their loads.
         """
         x, rig = self.rig.support_x(), self.rig
         down = rig.gravity() / GRAVITY_MPS2
         centre = self.centre_m - down * self.centre_m[2] / down[2]
         places = [(at, side * 0.5 * rig.gauge_m) for side in (1, -1) for at in x]
         weight = -down[2] * self.weight_n
-        loads = theory.support_loads(np.array(places), weight, (centre[0], centre[1]))
+        loads = turning_theory.support_loads(np.array(places), weight, (centre[0], centre[1]))
         cell = rig.length_m / (rig.wheels * fine)
         places_x = np.arange(rig.wheels * fine, dtype=np.float64)
         fine_x = 0.5 * rig.length_m - cell * (places_x + 0.5)
         spread = np.repeat(loads.reshape(2, -1), fine, axis=1) / fine
-        return theory.Cells(fine_x, spread, rig.gauge_m, cell)
+        return turning_theory.Cells(fine_x, spread, rig.gauge_m, cell)
 
 
 def _model(rig: Rig) -> mujoco.MjModel:
+    """The vehicle's file, without what is only seen, on the rig's ground."""
     spec = mujoco.MjSpec.from_file(str(models_dir() / "tracked_ugv.xml"))
     for geom in list(spec.geoms):
         if geom.name.startswith(("visual_", "road_")) or geom.name == "ground":
@@ -249,79 +347,23 @@ def _model(rig: Rig) -> mujoco.MjModel:
     for key in list(spec.keys):
         spec.delete(key)
     if rig.rough_m > 0.0:
-        _add_rough(spec, rig)
+        add_rough(spec, rig.rough_m, rig.rough_seed)
     elif rig.floor:
         spec.worldbody.add_geom(
             name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[50, 50, 0.1], contype=2
         )
-    base = spec.body("base_link")
-    _add_wheels(spec, base, rig)
+    wheels = add_wheels(spec, rig.support_x(), rig.gauge_m)
     add_payload(spec, PayloadConfig(rig.payload_kg, rig.payload_m))
     for number, block in enumerate(rig.blocks):
-        _add_block(spec, block, number)
+        add_block(spec, block, number)
     spec.option.gravity = rig.gravity().tolist()
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     if rig.native_belts_mps is not None:
+        # MuJoCo's own friction, under surfaces that move over the wheels as belts do.
         spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+        for i, geom in enumerate(wheels):
+            geom.condim, geom.friction = 3, [rig.friction, 0.005, 0.0001]
+            belt = rig.native_belts_mps[i // rig.wheels]
+            geom.surfacevel = [-belt, 0.0, 0.0, 0.0, 0.0, 0.0]
     return spec.compile()
-
-
-def _add_wheels(spec: mujoco.MjSpec, base: mujoco.MjsBody, rig: Rig) -> None:
-    style = spec.find_default("road_wheel")
-    for label, sign in (("left", 1.0), ("right", -1.0)):
-        for i, x in enumerate(rig.support_x()):
-            geom = base.add_geom(style, name=f"road_{label}_{i}")
-            geom.pos = [x, sign * 0.5 * rig.gauge_m, RADIUS_M]
-            if rig.native_belts_mps is not None:
-                geom.condim, geom.friction = 3, [rig.friction, 0.005, 0.0001]
-                belt = rig.native_belts_mps[0 if sign > 0 else 1]
-                geom.surfacevel = [-belt, 0.0, 0.0, 0.0, 0.0, 0.0]
-
-
-def _add_rough(spec: mujoco.MjSpec, rig: Rig) -> None:
-    """Random heights every 16 cm, bilinear between: level on the whole, no cliffs."""
-    coarse = np.random.default_rng(rig.rough_seed).random((51, 51))
-    rows = np.linspace(0.0, 50.0, _ROUGH_CELLS)
-    low = np.minimum(rows.astype(int), 49)
-    share = rows - low
-    along = coarse[low] * (1 - share)[:, None] + coarse[low + 1] * share[:, None]
-    heights = along[:, low] * (1 - share) + along[:, low + 1] * share
-    spec.add_hfield(
-        name="rough",
-        nrow=_ROUGH_CELLS,
-        ncol=_ROUGH_CELLS,
-        size=[4.0, 4.0, rig.rough_m, 0.2],
-        userdata=heights.ravel().tolist(),
-    )
-    spec.worldbody.add_geom(
-        name="ground_rough",
-        type=mujoco.mjtGeom.mjGEOM_HFIELD,
-        hfieldname="rough",
-        pos=[0.0, 0.0, -rig.rough_m],
-        contype=3,
-    )
-
-
-def _add_block(spec: mujoco.MjSpec, block: Block, number: int) -> None:
-    half = [math.cos(0.5 * block.pitch_rad), 0.0, -math.sin(0.5 * block.pitch_rad), 0.0]
-    loose = block.mass_kg > 0.0
-    name = f"{'loose' if loose else block.name}_{number}"
-    holder = spec.worldbody
-    if loose:
-        holder = spec.worldbody.add_body(name=name, pos=list(block.centre_m), quat=half)
-        if block.bearing == "rail":
-            holder.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1.0, 0.0, 0.0])
-        elif block.bearing == "pivot":
-            holder.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0.0, 0.0, 1.0])
-        else:
-            holder.add_freejoint()
-    geom = holder.add_geom(
-        name=name, type=mujoco.mjtGeom.mjGEOM_BOX, size=list(block.half_m), contype=1
-    )
-    geom.friction = [block.friction, 0.005, 0.0001]
-    geom.conaffinity = 3 if loose and block.bearing == "none" else 0
-    if loose:
-        geom.mass = block.mass_kg
-    else:
-        geom.pos, geom.quat = list(block.centre_m), half

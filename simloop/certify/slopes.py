@@ -1,4 +1,4 @@
-"""Slopes up, down and across; braking; the edge of tipping."""
+"""Checks on slopes up, down and across, of braking, and of tipping over."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from simloop.certify.checks import Check, absolute, at_most, relative, verdict
-from simloop.certify.rig import CONTROL_S, GRAVITY_MPS2, RADIUS_M, Bench, Rig
+from simloop.certify.rig import CONTROL_S, GRAVITY_MPS2, Bench, Rig
+from simloop.certify.rig_parts import RADIUS_M
 from simloop.config import MotorConfig
 from simloop.physics import track_theory as theory
+from simloop.physics import turning_theory
 
 CREEP_MPS = 1e-3
 MODULUS_M = 0.001
@@ -19,15 +21,20 @@ _TILT_RADPS = 0.005
 
 
 def _crept(bench: Bench, seconds: float = 1.0) -> float:
-    """Mean speed, m/s, after two seconds in which the rubber takes up its shear."""
+    """Mean speed, m/s, after two seconds in which the rubber takes up the load."""
     bench.drive((0.0, 0.0), 2.0)
     start = bench.truth.position_m.copy()
     bench.drive((0.0, 0.0), seconds)
     return float(np.linalg.norm(bench.truth.position_m - start)) / seconds
 
 
-def braked(group: str = "brakes on") -> Iterator[Check]:
-    """With brakes on it stays on any slope below atan(mu), and slides beyond it (form 6)."""
+def braked() -> Iterator[Check]:
+    """With brakes on, the vehicle holds on slopes up to atan(mu), and slides beyond (form 6).
+
+    Yields:
+        Checks of creep and of acceleration.
+    """
+    group = "brakes on"
     for friction in (0.2, 0.4, 0.6, 0.8, 1.0):
         limit = theory.holding_angle(friction)
         for share in (0.5, 0.9, 0.98):
@@ -47,13 +54,18 @@ def braked(group: str = "brakes on") -> Iterator[Check]:
 
 
 def _tilted(friction: float, angle: float) -> Iterator[tuple[str, Rig]]:
+    """Rigs with brakes on, on one slope in three directions."""
     yield "nose up", Rig(friction=friction, pitch_rad=angle, braked=True)
     yield "nose down", Rig(friction=friction, pitch_rad=-angle, braked=True)
     yield "sideways", Rig(friction=friction, roll_rad=angle, braked=True)
 
 
 def unpowered() -> Iterator[Check]:
-    """Without brakes the gears hold up to their own friction: sin(t) W r = 2 T + f cos(t) W r."""
+    """Without brakes the gears hold up to W r sin t = 2 T + f W r cos t (form 6).
+
+    Yields:
+        Checks below and above that slope.
+    """
     motor = MotorConfig()
     gear = motor.no_load_current_a * motor.torque_nm_per_a
     weight = Rig().build().weight_n
@@ -64,7 +76,11 @@ def unpowered() -> Iterator[Check]:
 
 
 def climbing() -> Iterator[Check]:
-    """Full current: climbs below min(asin F/W, atan mu), not above; up a slope at a set speed."""
+    """At full current the vehicle climbs as far as thrust and grip allow, and no further (form 6).
+
+    Yields:
+        Checks below and above the limit.
+    """
     motor = MotorConfig()
     for friction in (0.3, 0.6, 0.9):
         weight = 98.1
@@ -76,7 +92,7 @@ def climbing() -> Iterator[Check]:
             bench.drive((24.0, 24.0), 1.0)
             name = f"mu {friction}, {share} of the limit"
             yield verdict("climbing", name, bench.motion()[0] > 0.0, climbs)
-    # A heavy load: now the driver's current is the limit, not the ground.
+    # With a heavy load the driver's current is the limit, and not the grip.
     heavy = Rig(friction=1.0, payload_kg=20.0, payload_m=(0.0, 0.0, 0.02))
     weight = heavy.build().weight_n
     thrust = 2.0 * (motor.torque_nm_per_a * (5.0 - motor.no_load_current_a)) / RADIUS_M
@@ -91,8 +107,13 @@ def climbing() -> Iterator[Check]:
 
 
 def driven() -> Iterator[Check]:
-    """At a set belt speed up, down and across a slope: it slips, or drifts, just so much that the
-    shear, which theory has for that motion, carries the weight along the slope (forms 5, 6)."""
+    """Up, down and across a slope the tracks slip just enough to carry the weight (forms 5, 6).
+
+    The measured slip and drift are put into theory, which gives the force of the shear.
+
+    Yields:
+        Checks of that force along and across the slope.
+    """
     for friction in (0.2, 0.6, 1.0):
         for share in (0.5, 0.9):
             for label, rig in _tilted(friction, share * theory.holding_angle(friction)):
@@ -103,7 +124,7 @@ def driven() -> Iterator[Check]:
                 cells, weight = bench.cells(), bench.mass_kg * rig.gravity()[:2]
                 motion = np.array(bench.motion())
                 belts = bench.belts_mps()
-                force = theory.track_forces(motion, belts, cells, friction, MODULUS_M)
+                force = turning_theory.track_forces(motion, belts, cells, friction, MODULUS_M)
                 steep = float(np.hypot(*weight))
                 name = f"mu {friction}, {label}, {share:g} atan(mu)"
                 along = -float(force[:2] @ weight) / steep
@@ -113,7 +134,11 @@ def driven() -> Iterator[Check]:
 
 
 def braking() -> Iterator[Check]:
-    """Locked belts at speed, and the brakes: it slows by mu g cos(t) - g sin(t) (form 6)."""
+    """With locked belts it slows down by mu g cos t - g sin t (form 6).
+
+    Yields:
+        Checks of the deceleration, forwards and backwards, by belts and by brakes.
+    """
     for friction in (0.2, 0.5, 0.8, 1.0):
         for pitch in (-0.1, 0.0, 0.1):
             for way, brakes in ((1.0, False), (-1.0, False), (1.0, True), (-1.0, True)):
@@ -134,7 +159,11 @@ def braking() -> Iterator[Check]:
 
 
 def tipping() -> Iterator[Check]:
-    """Tilted ever more, it rears over its outermost wheels at tan(t) = x/h (form 6)."""
+    """On a slope that grows, it tips over its outermost wheels at tan t = x/h (form 6).
+
+    Yields:
+        Checks of that angle over all four sides.
+    """
     for label, way in (
         ("nose up", (-1.0, 0.0)),
         ("nose down", (1.0, 0.0)),

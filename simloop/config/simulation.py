@@ -151,7 +151,15 @@ class MotorConfig:
 class VehicleConfig:
     """The robot's body, as its own software knows it (Sabiha 2022, Table 3).
 
-    sprocket_radius_m is the plant's too; all else of the plant stands in the vehicle's model.
+    These figures change nothing of the plant, whose true measures stand in the vehicle's model.
+
+    Attributes:
+        gauge_m: Distance between the tracks' middles, m.
+        sprocket_radius_m: Radius of the sprockets, m.
+        length_m: Length of the footprint, m.
+        width_m: Width of the footprint, m.
+        footprint_offsets_m: Centres of three discs that cover the footprint, along x, m.
+        footprint_radius_m: Radius of these discs, m.
     """
 
     gauge_m: Length = 0.39

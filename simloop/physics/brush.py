@@ -1,16 +1,23 @@
-"""The brush of a belt: shear that grows with slip, saturates, and travels with the belt.
+"""The brush model of one belt cell: shear that grows with slip, saturates, and moves with the belt.
 
-A belt's contact is cut into cells. In each, the mean shear displacement m of the rubber follows
-the slip v of the belt over the ground, in Dahl's rate form of the Janosi-Hanamoto curve, while
-the belt, at speed V, brings in what the cell upstream lets out and takes out its own e:
+A belt's contact patch is cut into cells. The state of a cell is the mean shear displacement m of
+its rubber, (along, across) the belt, m. It follows the slip velocity v of the belt over the ground.
+The belt moves at speed V. It carries the displacement e_in of the cell upstream in, and the cell's
+own displacement e at its downstream end out (l is the cell's length):
 
     dm/dt = v - |v| m / K - |V|/l (e - e_in),      F = -(mu N / K) (m + c dm/dt),  |F| <= mu N
 
-With u = |v| l / (|V| K) the outlet e = e_in + g(u) (m - e_in), g(u) in ``outlet_gain``, is that of
-the exact exponential solution within the cell (exponential fitting): so a steady belt gives the
-Janosi-Hanamoto pull 1 - K/(iL) (1 - exp(-iL/K)) exactly, with any number of cells, and a belt that
-stands holds like a spring. Displacements are (along, across) the belt, m, and stay with it: they
-turn with the vehicle. c only damps: it vanishes in every steady motion.
+The first two terms are Dahl's rate form of the Janosi-Hanamoto shear curve (Dahl 1968; Janosi &
+Hanamoto 1961). The third term is transport. With u = |v| l / (|V| K), the outlet is
+e = e_in + g(u) (m - e_in). The gain g(u), see `outlet_gain`, is that of the exact exponential
+solution within the cell (exponential fitting). Therefore:
+
+- a steady belt gives the Janosi-Hanamoto pull 1 - K/(iL) (1 - exp(-iL/K)) exactly, with any
+  number of cells;
+- a belt that does not move holds like a spring.
+
+The displacement is stored in the belt's own axes, so it turns with the vehicle. The damping c
+vanishes in every steady motion. docs/tracks.md derives these equations.
 """
 
 from __future__ import annotations
@@ -24,7 +31,18 @@ from simloop.messages import FloatArray
 
 @njit(cache=True, error_model="numpy")
 def outlet_gain(u: float) -> float:
-    """g(u) = u (1 - exp -u) / (u - 1 + exp -u): 2 for pure transport, 1 where all is saturated."""
+    """Ratio of the outlet's to the mean's distance from the inlet: g(u) of the module's text.
+
+    g(u) = u (1 - exp -u) / (u - 1 + exp -u). It is 2 where slip is negligible (pure transport, a
+    linear profile) and 1 where the whole cell is saturated.
+
+    Args:
+        u: |v| l / (|V| K), the cell's slip in units of the shear modulus; 0 or more.
+
+    Returns:
+        The gain, 1 to 2.
+    """
+    # Both ends of the range are replaced by their expansions: the quotient loses its digits there.
     if u < 1e-3:
         return 2.0 - u / 3.0
     if u > 40.0:
@@ -45,15 +63,28 @@ def advance_cell(
     modulus: float,
     dt: float,
 ) -> None:
-    """Advance one cell by dt in place: mean, outlet (2,) m, and the mean's rate (2,) m/s.
+    """Advance the shear of one cell by one time step, in place.
 
-    entering: (2,) m, the outlet of the cell upstream; slip: (2,) m/s; belt: m/s; cell: length, m.
-    The step is exact for a constant slip and inflow, so that it is stable for any dt.
+    The step is the exact solution for constant slip and inflow. It is stable for any dt.
+
+    Args:
+        mean: (2,) mean shear displacement m, along and across the belt, m; updated.
+        outlet: (2,) displacement e at the downstream end, m; written.
+        rate: (2,) dm/dt over this step, m/s; written.
+        entering: (2,) displacement e_in at the upstream end, m.
+        slip: (2,) velocity v of the belt's surface over the ground, m/s.
+        belt: speed V of the belt, m/s.
+        cell: length l of the cell, m.
+        modulus: shear modulus K, m.
+        dt: time step, s.
     """
+    # Rates of the linear equation dm/dt = v + gain flow e_in - decay m. A belt that stands has no
+    # transport, so its gain does not matter.
     speed = math.hypot(slip[0], slip[1])
     flow = abs(belt) / cell
     gain = outlet_gain(speed / (flow * modulus)) if flow > 1e-9 else 1.0
     decay = speed / modulus + gain * flow
+    # Exact step: (1 - exp(-decay dt)) / decay, which tends to dt where nothing decays.
     share = -math.expm1(-decay * dt) / decay if decay * dt > 1e-9 else dt
     size = 0.0
     for k in range(2):
@@ -62,7 +93,9 @@ def advance_cell(
         rate[k] = (mean[k] - before) / dt
         outlet[k] = entering[k] + gain * (mean[k] - entering[k])
         size += outlet[k] * outlet[k]
-    if size > modulus * modulus:  # fast changes overshoot; no rubber is strained beyond its limit
+    # The gain holds for the steady profile. Fast changes overshoot it, but no rubber is strained
+    # beyond its limit K.
+    if size > modulus * modulus:
         scale = modulus / math.sqrt(size)
         outlet[0] *= scale
         outlet[1] *= scale
@@ -72,7 +105,18 @@ def advance_cell(
 def cell_force(
     mean: FloatArray, rate: FloatArray, modulus: float, damping: float, most: float
 ) -> tuple[float, float]:
-    """Force (along, across), N, on the vehicle of a cell whose limit is mu N = ``most``."""
+    """Force of one cell on the vehicle: F = -(mu N / K) (m + c dm/dt), at most mu N.
+
+    Args:
+        mean: (2,) mean shear displacement m, along and across the belt, m.
+        rate: (2,) dm/dt, m/s.
+        modulus: shear modulus K, m.
+        damping: time constant c, s.
+        most: the cell's friction limit mu N, N.
+
+    Returns:
+        Force along and across the belt, N.
+    """
     along = -(mean[0] + damping * rate[0]) / modulus
     across = -(mean[1] + damping * rate[1]) / modulus
     size = math.hypot(along, across)

@@ -1,7 +1,7 @@
-"""Faults on purpose: what a scenario's ``[[faults]]`` do to the plant and to the sensors.
+"""Fault injection: what a scenario's ``[[faults]]`` do to the plant and to the sensors.
 
-They stand between plant and sensors, and between sensors and robot; the robot is never told. What
-each one is, and what the robot is meant to make of it, stands in docs/estimation.md.
+Faults act between the plant and the sensors, and between the sensors and the robot. The robot is
+never told. docs/estimation.md lists the kinds and how the robot should handle them.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ Kind = Literal[
     "kidnapped",
 ]
 
-# What each kind needs besides its times.
+# The keys that each kind needs besides its times.
 _KEYS: dict[str, tuple[str, ...]] = {
     "encoder_stuck": ("side",),
     "encoders_silent": (),
@@ -51,19 +51,30 @@ _KEYS: dict[str, tuple[str, ...]] = {
     "kidnapped": ("to",),
 }
 _TIMES = ("kind", "at_s", "for_s")
+# The hand that pushes is a spring and a damper with a limit of force.
 _PUSH_N, _PUSH_N_PER_M, _PUSH_NS_PER_M = 250.0, 4000.0, 300.0
-_THROUGH_M = 1e-3
-_PANES = 4  # that one beam may go through
+_THROUGH_M = 1e-3  # how far behind a pane's surface a beam starts again
+_PANES = 4  # surfaces of glass that one beam may go through
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Fault:
-    """One thing that goes wrong at ``at_s``, for ``for_s``, or (0) from then on.
+    """One thing that goes wrong. Each kind has its own keys; the others are None.
 
-    side: left or right. bias_radps: added to the gyro. share: of the beams that do not come back.
-    min_m, max_m: (2,) corners, in map, of what beams go through. delay_s: by which a scan is late.
-    friction: under one track. shift_m: sideways, to the left, in ``for_s``. to: (3,) the pose at
-    which the robot is put down.
+    Attributes:
+        kind: what goes wrong.
+        at_s: when it begins, s.
+        for_s: how long it lasts, s; 0: for good.
+        side: encoder_stuck, ice: left or right. A stuck encoder loses the pulses that come; after
+            its time it counts on from where it stood, as a quadrature counter does.
+        bias_radps: gyro_jump: added to the rate about z, rad/s.
+        share: beams_dropped: of the beams that do not come back, 0 to 1.
+        min_m: glass: (2,) lower corner, in map, of the box that beams go through, m.
+        max_m: glass: (2,) its upper corner, m.
+        delay_s: lidar_late: how late the scans come, s.
+        friction: ice: of the ground under the track.
+        shift_m: pushed: way to the left in ``for_s``, m.
+        to: kidnapped: (3,) pose in map at which the robot is put down, m, m, rad.
     """
 
     kind: Kind
@@ -87,39 +98,65 @@ class Fault:
         if given != set(wanted):
             raise ValueError(f"the keys of a fault '{self.kind}' are {listed}")
         if self.kind == "pushed" and self.for_s == 0.0:
-            raise ValueError("a push needs for_s, the time that it takes, s")
+            raise ValueError("a fault 'pushed' needs for_s above 0, the time of the push in s")
         if self.min_m and self.max_m and not has_area(self.min_m, self.max_m):
-            raise ValueError("min_m must be below max_m in x and in y")
+            raise ValueError("a fault 'glass' needs min_m below max_m in x and in y")
         return self
 
     def on(self, t_ns: int) -> bool:
-        """Whether it is there at an instant."""
+        """Whether the fault is present at an instant.
+
+        Args:
+            t_ns: the instant, ns.
+
+        Returns:
+            True from ``at_s`` on, until ``for_s`` later.
+        """
         since_s = t_ns * 1e-9 - self.at_s
         return since_s >= 0.0 and (self.for_s == 0.0 or since_s < self.for_s)
 
 
 class Body(Protocol):
-    """What faults do to a plant."""
+    """What faults can do to a plant."""
 
     def ice(self, frictions: tuple[float | None, float | None]) -> None:
-        """Friction under the left and the right track; None: the ground's own."""
+        """Change the ground's friction under the tracks.
+
+        Args:
+            frictions: under the left and the right track; None: the ground's own.
+        """
         ...
 
     def push(self, force_n: FloatArray) -> None:
-        """Force (2,) on the chassis, in the world."""
+        """Push the chassis from now on.
+
+        Args:
+            force_n: (2,) in the world, N.
+        """
         ...
 
     def put_down(self, pose: FloatArray) -> None:
-        """Stand at ``pose`` (3,), at rest."""
+        """Put the vehicle down somewhere else, at rest.
+
+        Args:
+            pose: (3,) x, y, m, and yaw, rad, in the world.
+        """
         ...
 
 
 class Faults:
-    """All faults of a run. rng: for what is drawn (which beams do not come back)."""
+    """All faults of one run, with what they must remember."""
 
     def __init__(self, faults: Sequence[Fault], rng: np.random.Generator) -> None:
+        """Take the faults of a scenario.
+
+        Args:
+            faults: what goes wrong.
+            rng: draws which beams do not come back.
+        """
         self._faults, self._rng = tuple(faults), rng
-        self._stuck: list[int | None] = [None, None]
+        self._held: list[int | None] = [None, None]  # counts, left and right, while stuck
+        self._lost = [0, 0]  # pulses
         self._encoders: EncoderReading | None = None
         self._imu: ImuReading | None = None
         self._late: list[tuple[int, LidarScan]] = []
@@ -128,7 +165,12 @@ class Faults:
         self._glass: Glass | None = None
 
     def act(self, body: Body, truth: Truth) -> None:
-        """Do to the plant what is due, before its next step."""
+        """Do to the plant what is due, before its next step.
+
+        Args:
+            body: the plant.
+            truth: its state now.
+        """
         if not self._faults:
             return
         frictions: list[float | None] = [None, None]
@@ -146,35 +188,69 @@ class Faults:
         body.push(force)
 
     def encoders(self, reading: EncoderReading) -> EncoderReading:
-        """What the robot hears of the encoders; the last reading again where none comes."""
-        for fault in self._of("encoder_stuck", "encoders_silent"):
-            if not fault.on(reading.t_ns):
-                continue
-            if fault.kind == "encoders_silent":
-                return self._encoders or reading
-            side = int(fault.side == "right")
-            name = ("left_counts", "right_counts")[side]
-            counts = self._stuck[side]
-            if counts is None:
-                counts = self._stuck[side] = getattr(reading, name)
-            reading = replace(reading, **{name: counts})
-        self._encoders = reading
-        return reading
+        """Change an encoder reading as the faults do.
+
+        Args:
+            reading: what the encoders measure.
+
+        Returns:
+            What the robot gets; while the encoders are silent, the last reading again.
+        """
+        reading = self._stick(reading)
+        silent = any(fault.on(reading.t_ns) for fault in self._of("encoders_silent"))
+        if self._encoders is None or not silent:
+            self._encoders = reading
+        return self._encoders
 
     def imu(self, reading: ImuReading) -> ImuReading:
-        """What the robot hears of the IMU; the last reading again where none comes."""
-        for fault in self._of("gyro_jump", "imu_silent"):
-            if not fault.on(reading.t_ns):
-                continue
-            if fault.kind == "imu_silent":
-                return self._imu or reading
-            gyro = reading.gyro_radps + np.array([0.0, 0.0, fault.bias_radps])
-            reading = ImuReading(reading.t_ns, gyro, reading.accel_mps2)
-        self._imu = reading
-        return reading
+        """Change an IMU reading as the faults do.
+
+        Args:
+            reading: what the IMU measures.
+
+        Returns:
+            What the robot gets; while the IMU is silent, the last reading again.
+        """
+        for fault in self._of("gyro_jump"):
+            if fault.on(reading.t_ns):
+                gyro = reading.gyro_radps + np.array([0.0, 0.0, fault.bias_radps])
+                reading = ImuReading(reading.t_ns, gyro, reading.accel_mps2)
+        silent = any(fault.on(reading.t_ns) for fault in self._of("imu_silent"))
+        if self._imu is None or not silent:
+            self._imu = reading
+        return self._imu
+
+    def _stick(self, reading: EncoderReading) -> EncoderReading:
+        """Hold the counts of stuck encoders.
+
+        A quadrature counter only adds pulses. Those that come while it is stuck are lost for good,
+        so that it counts on from the held count afterwards.
+        """
+        faults = self._of("encoder_stuck")
+        if not faults:
+            return reading
+        stuck = {fault.side for fault in faults if fault.on(reading.t_ns)}
+        counts = [reading.left_counts, reading.right_counts]
+        for i, side in enumerate(("left", "right")):
+            if side not in stuck:
+                self._held[i] = None
+            elif (held := self._held[i]) is None:
+                self._held[i] = counts[i] - self._lost[i]
+            else:
+                self._lost[i] = counts[i] - held
+            counts[i] -= self._lost[i]
+        return EncoderReading(reading.t_ns, *counts)
 
     def scan(self, scan: LidarScan | None, t_ns: int) -> LidarScan | None:
-        """What the robot hears of the LiDAR at an instant."""
+        """Drop, delay or thin out a scan as the faults do.
+
+        Args:
+            scan: the scan of this control period, if there is one.
+            t_ns: the instant, ns.
+
+        Returns:
+            The scan that the robot gets now, if any.
+        """
         if not self._faults:
             return scan
         late = [fault for fault in self._of("lidar_late") if fault.on(t_ns)]
@@ -189,22 +265,42 @@ class Faults:
                 due = t_ns + round(1e9 * max(fault.delay_s or 0.0 for fault in late))
                 self._late.append((due, scan))
                 scan = None
+        # A scan that is due is given out in a period without a newer one.
         if scan is None and self._late and self._late[0][0] <= t_ns:
             scan = self._late.pop(0)[1]
         return scan
 
     def image(self, image: DepthImage | None, t_ns: int) -> DepthImage | None:
-        """What the robot sees of the depth camera's images at an instant."""
+        """Drop an image as the faults do.
+
+        Args:
+            image: the image of this control period, if there is one.
+            t_ns: the instant, ns.
+
+        Returns:
+            The image that the robot gets now, if any.
+        """
         return None if any(f.on(t_ns) for f in self._of("camera_silent")) else image
 
     def rays(self, world: RayCaster) -> RayCaster:
-        """The world as the LiDAR's beams meet it."""
+        """Put the panes of glass in front of a world.
+
+        Args:
+            world: the true world.
+
+        Returns:
+            The world as the LiDAR's beams meet it.
+        """
         panes = self._of("glass")
         self._glass = Glass(world, panes) if panes else None
         return self._glass or world
 
     def at(self, t_ns: int) -> None:
-        """Tell what stands in the beams' way which instant it is."""
+        """Set the instant for which `rays` decides what is glass.
+
+        Args:
+            t_ns: the instant, ns.
+        """
         if self._glass is not None:
             self._glass.t_ns = t_ns
 
@@ -212,10 +308,11 @@ class Faults:
         return [fault for fault in self._faults if fault.kind in kinds]
 
     def _push(self, fault: Fault, truth: Truth) -> FloatArray:
-        """(2,) N of a hand that leads the robot sideways, softly on and off, against its tracks."""
+        """(2,) N of a hand that moves the robot sideways against the grip of its tracks."""
         start = self._pushes.setdefault(fault, truth.pose_xyyaw.copy())
         f = min(1.0, (truth.t_ns * 1e-9 - fault.at_s) / fault.for_s)
         left = np.array([-math.sin(start[2]), math.cos(start[2])])
+        # The hand's way is the smooth step f^2 (3 - 2 f) of the shift: at rest at both ends.
         aim = (fault.shift_m or 0.0) * f * f * (3.0 - 2.0 * f)
         pace = (fault.shift_m or 0.0) * 6.0 * f * (1.0 - f) / fault.for_s
         cos, sin = math.cos(truth.pose_xyyaw[2]), math.sin(truth.pose_xyyaw[2])
@@ -227,13 +324,28 @@ class Faults:
 
 
 class Glass:
-    """A world of which some stretches let beams through, to whatever is behind them."""
+    """A world in which beams go through some places to what is behind them."""
 
     def __init__(self, world: RayCaster, panes: Sequence[Fault]) -> None:
+        """Put panes into a world.
+
+        Args:
+            world: the true world.
+            panes: faults of the kind 'glass'.
+        """
         self._world, self._panes, self.t_ns = world, panes, 0
 
     def cast(self, origins_m: FloatArray, directions: FloatArray, cutoff_m: float) -> FloatArray:
-        """As ``RayCaster.cast``; a beam goes through four panes at most."""
+        """Measure ranges as `RayCaster.cast` does; a beam goes through four surfaces at most.
+
+        Args:
+            origins_m: (n, 3) in the world, m.
+            directions: (n, 3) unit vectors in the world.
+            cutoff_m: longest range, m.
+
+        Returns:
+            (n,) ranges, m; -1 where nothing is met within the cutoff.
+        """
         ranges = self._world.cast(origins_m, directions, cutoff_m)
         panes = [p for p in self._panes if p.on(self.t_ns)]
         boxes = [np.array((p.min_m, p.max_m), np.float64) for p in panes]
@@ -251,6 +363,7 @@ class Glass:
     def _beyond(
         self, end: FloatArray, direction: FloatArray, range_m: float, cutoff_m: float
     ) -> float:
+        """Range, m, of a beam that goes on behind the glass; -1 where it meets nothing."""
         start = (end + _THROUGH_M * direction)[None]
         more = float(self._world.cast(start, direction[None].copy(), cutoff_m)[0])
         total = range_m + _THROUGH_M + more

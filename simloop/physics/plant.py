@@ -1,12 +1,11 @@
 """The plant: MuJoCo's rigid bodies, the tracks' forces on them, and rays cast among them.
 
-The only room of the loop where the truth lives. It advances by one control period at a
-time, takes motor voltages, and gives truth and ranges to the sensors.
+It advances by one control period at a time. It takes motor voltages, and gives the ground truth and
+ranges to the sensors. Nothing else in the loop holds the physical state.
 """
 
 from __future__ import annotations
 
-import copy
 import hashlib
 
 import mujoco
@@ -14,16 +13,16 @@ import numpy as np
 
 from simloop.config import Config
 from simloop.messages import FloatArray
+from simloop.physics.arena_rays import ArenaRays
+from simloop.physics.plant_setup import body_arrays, own_copy, track_constants
 from simloop.physics.track_kernel import apply_tracks, settle_account
 from simloop.physics.track_model import (
-    BodyArrays,
     ContactArrays,
     Geoms,
     TrackState,
     as_block,
     friction_map,
     state_block,
-    track_parameters,
 )
 from simloop.physics.truth_kernels import (
     ACCELERATION,
@@ -35,108 +34,81 @@ from simloop.physics.truth_kernels import (
     TURNING,
     VELOCITY,
     VOLTAGE,
-    carry_ranges,
     motion_now,
+    point_velocity,
 )
 from simloop.physics.vehicle_geoms import (
-    SEEN_GROUPS,
     geom_kinds,
     ground_height,
     is_free,
     road_wheels,
+    site_in_base,
+    sprocket_radius,
 )
 from simloop.truth import LooseTruth, TrackTruth, Truth
 
-_GRAVITY_MPS2 = 9.81
-_TURNING_RADPS = 0.02
-_STILL_MPS = 0.01  # of the belts: what stands
-_WHEEL_M = 0.06  # about a road wheel, what is under it; well within its own side
-
-
-def _of_its_own(model: mujoco.MjModel, config: Config) -> mujoco.MjModel:
-    """The model with this configuration's step and rotors: a copy, unless it has them already.
-
-    One world may serve several plants at once.
-    """
-    step_s, inertia = config.rates.physics_s, config.motor.rotor_inertia_kgm2
-    dofs = [model.joint(f"sprocket_{side}_joint").dofadr[0] for side in ("left", "right")]
-    if model.opt.timestep != step_s or np.any(model.dof_armature[dofs] != inertia):
-        model = copy.copy(model)
-        model.opt.timestep = step_s
-        model.dof_armature[dofs] = inertia
-    return model
+_TURNING_RADPS = 0.02  # yaw rate below which a centre of rotation is not defined well
+_STILL_MPS = 0.01  # belt speed of a vehicle that stands
+_WHEEL_M = 0.06  # half side of the square of ice under a road wheel; within the wheel's own side
+_DROP_M = 0.001  # height over the ground from which a reset lets the vehicle settle
 
 
 class Plant:
-    """A vehicle in its arena, stepped with a fixed period.
-
-    model: an arena with the vehicle attached (see ``arena.build``).
-    """
+    """A vehicle in its arena, stepped with a fixed period."""
 
     def __init__(self, model: mujoco.MjModel, config: Config) -> None:
-        self.model = model = _of_its_own(model, config)
-        self.data = mujoco.MjData(model)
+        """Make the plant, not yet at rest: call `reset` before the first step.
+
+        Args:
+            model: an arena with the vehicle attached (see `arena.build`). The plant works on a copy
+                with the configuration's time step and rotors.
+            config: the settings; of ``config.vehicle``, which is the robot's belief, none is read.
+
+        Raises:
+            ValueError: the model lacks what the tracks need.
+        """
+        self.model = model = own_copy(model, config)
+        self.data = data = mujoco.MjData(model)
         self.substeps = round(config.rates.control_s / config.rates.physics_s)
+        self.t_ns = 0
         self._dt_ns = round(config.rates.physics_s * 1e9)
-        wheels = road_wheels(model)
-        x = model.geom_pos[wheels, 0]
-        self._parameters = as_block(
-            track_parameters(
-                config.tracks,
-                config.motor,
-                config.vehicle,
-                config.rates.physics_s,
-                0.5 * float(x[0] - x[len(x) // 2 - 1]) / (len(x) // 2 - 1),
-                _GRAVITY_MPS2 * float(model.body_subtreemass[model.body("base_link").id]),
-            )
-        )
-        self._radius_m = config.vehicle.sprocket_radius_m
-        self._ground = friction_map(config.tracks.zones, config.tracks.friction_image)
-        self._zones = self._ground
-        self._wheel_geoms = wheels
-        joints = [model.joint(f"sprocket_{side}_joint") for side in ("left", "right")]
-        # Loose things of the arena may come first: all that the kernels see begins at the vehicle.
+        self._period_s = config.rates.control_s
+        self._rays = ArenaRays(model, data)
+        self._imu = site_in_base(model, "imu")
+        self._joint_friction = model.dof_frictionloss.copy()
+        # Loose things of the arena may come first. All that the kernels see begins at the vehicle.
         root = model.joint("root")
         at, dof = int(root.qposadr[0]), int(root.dofadr[0])
+        joints = [model.joint(f"sprocket_{side}_joint") for side in ("left", "right")]
         self._sprocket_dof = np.array([j.dofadr[0] - dof for j in joints], np.int64)
         self._sprocket_qpos = np.array([j.qposadr[0] - at for j in joints], np.int64)
+        self._qpos, self._qvel = data.qpos[at:], data.qvel[dof:]  # views that stay
+        self._body = body_arrays(model, data, dof)
         self._geoms = Geoms(geom_kinds(model), model.geom_bodyid, self._sprocket_dof)
-        self._base = model.body("base_link").id
-        self._qpos, self._qvel = self.data.qpos[at:], self.data.qvel[dof:]  # views that stay
-        self._period_s = config.rates.control_s
-        self._block = state_block(len(wheels))
+        # The tracks: their constants, their state, and the ground's friction with and without ice.
+        self._wheel_geoms, self._radius_m = road_wheels(model), sprocket_radius(model)
+        self._parameters = as_block(track_constants(model, config))
+        self._block = state_block(len(self._wheel_geoms))
         self._state = TrackState.within(self._block)
-        self._voltage = np.zeros(2)
-        self._braked = False
-        self._body = BodyArrays(
-            self.data.xpos[self._base],
-            self.data.xmat[self._base],
-            self._qvel,
-            self.data.xipos,
-            self.data.cvel,
-            self.data.subtree_com,
-            self.data.xfrc_applied,
-            model.body_rootid,
-            model.body_weldid != 0,
-            self.data.qfrc_applied[dof:],
-            self.data.qfrc_constraint[dof:],
-            self.model.dof_frictionloss[dof:],
-            self._base,
-        )
-        others = [i for i in range(1, model.nbody) if i != self._base]
+        self._ground = friction_map(config.tracks.zones, config.tracks.friction_image)
+        self._zones = self._ground
+        self._voltage, self._braked = np.zeros(2), False
+        self._contacts, self._hits, self._touching = 0, 0, False
+        self._way: FloatArray | None = None  # of the movers in one physics step
+        others = [i for i in range(1, model.nbody) if i != self._body.base]
         self._loose = [i for i in others if is_free(model, i) or model.body_mocapid[i] >= 0]
         self._loose_names = tuple(model.body(i).name for i in self._loose)
         self._terrain = [i for i in range(model.ngeom) if model.geom(i).name.startswith("ground_")]
-        self._ray_groups = np.isin(np.arange(6), SEEN_GROUPS).astype(np.uint8)
-        self.t_ns = 0
-        self._contacts = self._hits = 0
-        self._touching = False
-        self._way: FloatArray | None = None
 
     @property
     def tracks(self) -> TrackState:
         """The tracks' inner state: brush displacements, wheel loads, currents, forces."""
         return self._state
+
+    @property
+    def sprocket_radius_m(self) -> float:
+        """The sprockets' true radius, m, which the robot may believe to be another."""
+        return self._radius_m
 
     @property
     def base_from_laser(self) -> FloatArray:
@@ -149,115 +121,72 @@ class Plant:
         return self.model.site("camera").pos.copy()
 
     def cast(self, origins_m: FloatArray, directions: FloatArray, cutoff_m: float) -> FloatArray:
-        """Distances (n,) from ``origins_m`` (n, 3) along unit ``directions`` (n, 3).
+        """Ranges of the LiDAR's rays of one control period, see `ArenaRays.cast`.
 
-        -1 where nothing is met within ``cutoff_m``. Rays see the arena and not the vehicle. The
-        origins are those of one control period, millimetres apart: all rays are cast from the
-        middle one in one call, and each range is then carried over to its own origin along the
-        surface that was hit; a ray that grazes its surface is cast again on its own.
+        Args:
+            origins_m: (n, 3) in the world, millimetres apart, m.
+            directions: (n, 3) unit vectors in the world.
+            cutoff_m: longest range, m.
+
+        Returns:
+            (n,) ranges, m; -1 where nothing is met within the cutoff.
         """
-        middle = origins_m[len(origins_m) // 2]
-        ranges, normals = self._fan(middle, directions, cutoff_m)
-        geom = np.empty(1, np.int32)
-        for i in carry_ranges(ranges, normals, directions, origins_m, middle, cutoff_m):
-            there = mujoco.mj_ray(
-                self.model,
-                self.data,
-                origins_m[i],
-                directions[i],
-                self._ray_groups,
-                1,
-                self._base,
-                geom,
-            )
-            ranges[i] = there if there <= cutoff_m else -1.0
-        return ranges
+        return self._rays.cast(origins_m, directions, cutoff_m)
 
     def look(self, origin_m: FloatArray, directions: FloatArray, cutoff_m: float) -> FloatArray:
-        """As ``cast``, with all rays from one origin (3,)."""
-        ranges, _ = self._fan(origin_m, directions, cutoff_m)
-        ranges[ranges > cutoff_m] = -1.0
-        return ranges
+        """Ranges of a camera's rays, all from one origin.
 
-    def _fan(
-        self, origin_m: FloatArray, directions: FloatArray, cutoff_m: float
-    ) -> tuple[FloatArray, FloatArray]:
-        """Ranges (n,) along directions (n, 3) from one origin (3,), and the normals (n, 3) there;
-        beyond the cutoff a range may be given or be -1."""
-        n = len(directions)
-        normals, ranges, geoms = np.empty((n, 3)), np.empty(n), np.empty(n, np.int32)
-        mujoco.mj_multiRay(
-            self.model,
-            self.data,
-            origin_m,
-            directions.ravel(),
-            self._ray_groups,
-            1,
-            self._base,
-            geoms,
-            ranges,
-            normals.ravel(),
-            n,
-            cutoff_m,
-        )
-        return ranges, normals
+        Args:
+            origin_m: (3,) in the world, m.
+            directions: (n, 3) unit vectors in the world.
+            cutoff_m: longest range, m.
+
+        Returns:
+            (n,) ranges, m; -1 where nothing is met within the cutoff.
+        """
+        return self._rays.look(origin_m, directions, cutoff_m)
 
     def reset(self, pose: FloatArray, settle_s: float = 0.5, braked: bool = False) -> Truth:
-        """Put the vehicle at ``pose`` (3,) x, y, yaw, let it settle, and start the clock at 0.
+        """Put the vehicle at a pose, let it settle, and start the clock at 0.
 
-        braked: whether the holding brakes are on from the beginning.
+        Everything is as in a new plant afterwards: ice, pushes and the movers' ways are gone.
+
+        Args:
+            pose: (3,) x, y, m, and yaw, rad, in the world.
+            settle_s: how long it settles, s.
+            braked: whether the holding brakes are on from the beginning.
+
+        Returns:
+            The truth at the clock's 0.
         """
         mujoco.mj_resetData(self.model, self.data)
-        self._qpos[2] = 0.001 + self._under(pose)
-        self._stand(pose)
-        for array in self._state:
-            array[...] = 0
+        self.model.dof_frictionloss[:] = self._joint_friction
+        self._zones, self._way = self._ground, None
         self._voltage[:] = 0.0
         self._braked = braked
+        self._block[:] = state_block(len(self._wheel_geoms))
+        self._qpos[2] = _DROP_M + self._under(pose)
+        self._stand(pose)
         mujoco.mj_forward(self.model, self.data)
         for _ in range(round(settle_s / self.model.opt.timestep)):
             self._step()
+        # What happened while it settled does not count.
         self._state.work[:] = 0.0
         self.data.time = 0.0
         self.t_ns, self._contacts, self._hits, self._touching = 0, 0, 0, False
-        return self.truth(self._qvel[:3].copy())
-
-    def _stand(self, pose: FloatArray) -> None:
-        """Set place and heading to a pose (3,) on level ground; the height stays."""
-        self._qpos[:2] = pose[:2]
-        self._qpos[3:7] = np.cos(pose[2] / 2), 0.0, 0.0, np.sin(pose[2] / 2)
-
-    def _under(self, pose: FloatArray) -> float:
-        """How high the ground reaches under the road wheels at a pose (3,), m."""
-        if not self._terrain:
-            return 0.0
-        cos, sin = np.cos(pose[2]), np.sin(pose[2])
-        x, y = self.model.geom_pos[road_wheels(self.model), :2].T
-        places = np.stack([pose[0] + cos * x - sin * y, pose[1] + sin * x + cos * y], axis=1)
-        return ground_height(self.model, self.data, self._terrain, places)
-
-    def work_j(self) -> FloatArray:
-        """(4,) J since the reset: electrical, shear, joints' friction, motors' shafts.
-
-        The last step's is in it, which ``tracks.work`` has only after the next one.
-        """
-        block = self._block.copy()
-        settle_account(self._geoms, self._body, block, self._parameters)
-        return np.array(block["work"][0], np.float64)
-
-    def loose_truth(self) -> LooseTruth | None:
-        """Where the loose things are now; None where there are none."""
-        if not self._loose:
-            return None
-        data = self.data
-        return LooseTruth(
-            self.t_ns, self._loose_names, data.xpos[self._loose], data.xquat[self._loose]
-        )
+        return self.truth(self._imu_velocity())
 
     def step(self, voltage_v: FloatArray) -> Truth:
-        """Advance one control period under the motor voltages (2,) left, right."""
+        """Advance by one control period.
+
+        Args:
+            voltage_v: (2,) of the motors, left and right, V.
+
+        Returns:
+            The truth at the period's end.
+        """
         self._voltage[:] = voltage_v
-        before = self._qvel[:3].copy()
+        before = self._imu_velocity()
         for _ in range(self.substeps):
             if self._way is not None:
                 self.data.mocap_pos[:, :2] += self._way
@@ -266,11 +195,19 @@ class Plant:
         return self.truth(before)
 
     def brake(self, on: bool) -> None:
-        """Put the holding brakes of both sprockets on or off; the voltages stay as they are."""
+        """Put the holding brakes of both sprockets on or off; the voltages stay as they are.
+
+        Args:
+            on: whether they hold from now on.
+        """
         self._braked = on
 
     def ice(self, frictions: tuple[float | None, float | None]) -> None:
-        """The ground's friction under the left and the right track from now on; None: its own."""
+        """Change the ground's friction under the tracks, where they are now.
+
+        Args:
+            frictions: under the left and the right track; None: the ground's own.
+        """
         places = self.data.geom_xpos[self._wheel_geoms].reshape(2, -1, 3)
         rows = [
             (x - _WHEEL_M, y - _WHEEL_M, x + _WHEEL_M, y + _WHEEL_M, friction)
@@ -282,49 +219,42 @@ class Plant:
         self._zones = self._ground._replace(zones=np.concatenate((zones, rows)) if rows else zones)
 
     def push(self, force_n: FloatArray) -> None:
-        """A force (2,) on the chassis, in the world, from now on."""
+        """Push the chassis from now on.
+
+        Args:
+            force_n: (2,) force at base_link's origin, in the world, N.
+        """
         self._body.joint_force[:2] = force_n
 
     def move(self, places_m: FloatArray) -> None:
-        """Where the movers, (n, 2) in the model's order, shall be after the next control period."""
+        """Send the movers on their way, evenly over the next control period.
+
+        Args:
+            places_m: (n, 2) where they are at its end, in the world, m, in the model's order.
+        """
         self._way = (places_m - self.data.mocap_pos[:, :2]) / self.substeps
 
     def put_down(self, pose: FloatArray) -> None:
-        """Stand at ``pose`` (3,) x, y, yaw, at rest; the sprockets keep their angles."""
+        """Put the vehicle down somewhere else, at rest; the sprockets keep their angles.
+
+        Args:
+            pose: (3,) x, y, m, and yaw, rad, in the world.
+        """
         self._stand(pose)
         self._qvel[:] = 0.0
         mujoco.mj_forward(self.model, self.data)
 
-    def _step(self) -> None:
-        contact, force = self.data.contact, self.data.efc_force
-        apply_tracks(
-            ContactArrays(contact.geom, contact.pos, contact.frame, contact.efc_address, force),
-            self._geoms,
-            self._zones,
-            self._voltage,
-            self._braked,
-            self._body,
-            self._block,
-            self._parameters,
-        )
-        mujoco.mj_step(self.model, self.data)
-        touching = bool(self._state.touching[0])
-        if touching and not self._touching:
-            stood = self._stands()
-            self._hits, self._contacts = self._hits + stood, self._contacts + (not stood)
-        self._touching = touching
+    def truth(self, imu_before: FloatArray) -> Truth:
+        """Read the truth of this instant.
 
-    def _stands(self) -> bool:
-        """Whether the robot itself stands still: its motors off, its belts at rest or, once it has
-        been hit, no faster than it is pushed."""
-        pushed = self._hits > 0
-        belts = self._radius_m * np.abs(self._qvel[self._sprocket_dof]).max()
-        return not self._voltage.any() and bool(pushed or belts < _STILL_MPS)
+        The proper acceleration is the mean over the last control period, as an averaging sensor
+        has it, in the axes of the period's end.
 
-    def truth(self, velocity_before: FloatArray) -> Truth:
-        """The truth now. velocity_before: (3,) world velocity one control period ago.
+        Args:
+            imu_before: (3,) the IMU's velocity in the world one control period ago, m/s.
 
-        The proper acceleration is the mean over that period, as an averaging sensor has it.
+        Returns:
+            The truth, whose arrays are its own.
         """
         block = motion_now(
             self._qpos,
@@ -333,8 +263,9 @@ class Plant:
             self._sprocket_dof,
             self._state.current,
             self._voltage,
-            self._body.rotation,
-            velocity_before,
+            self._imu,
+            imu_before,
+            self.model.opt.gravity,
             self._period_s,
         )
         return Truth(
@@ -355,8 +286,12 @@ class Plant:
         )
 
     def track_truth(self) -> TrackTruth:
-        """What the tracks do now. Their centres of rotation: Martinez et al. 2005."""
-        velocity = self.truth(self._qvel[:3]).velocity_body
+        """Read what the tracks do now; centres of rotation as in Martinez et al. 2005.
+
+        Returns:
+            Slip, centres of rotation, wheel loads and shear work.
+        """
+        velocity = self.truth(self._imu_velocity()).velocity_body
         belts = self._radius_m * self._qvel[self._sprocket_dof]
         icr = np.full(3, np.nan)
         if abs(velocity[5]) > _TURNING_RADPS:
@@ -367,11 +302,82 @@ class Plant:
             self.t_ns, state.slip.copy(), icr, state.load.copy(), float(state.work[1])
         )
 
+    def loose_truth(self) -> LooseTruth | None:
+        """Read where the loose things and the movers are now.
+
+        Returns:
+            Their poses; None where there are none.
+        """
+        if not self._loose:
+            return None
+        data = self.data
+        return LooseTruth(
+            self.t_ns, self._loose_names, data.xpos[self._loose], data.xquat[self._loose]
+        )
+
+    def work_j(self) -> FloatArray:
+        """Work since the reset, up to now; ``tracks.work`` lacks the last step's.
+
+        Returns:
+            (4,) J: electrical, shear, friction of joints, the motors' shafts.
+        """
+        block = self._block.copy()
+        settle_account(self._geoms, self._body, block, self._parameters)
+        return np.array(block["work"][0], np.float64)
+
     def state_hash(self) -> str:
-        """A digest of the whole physical state: equal only where every bit is."""
+        """Digest of the whole physical state.
+
+        Returns:
+            16 hexadecimal digits, equal only where every bit of the state is.
+        """
         digest = hashlib.sha256()
         data = self.data
         for array in (data.qpos, data.qvel, data.act, data.mocap_pos, *self._state):
             digest.update(np.ascontiguousarray(array).tobytes())
         digest.update(self.t_ns.to_bytes(8, "little"))
         return digest.hexdigest()[:16]
+
+    def _step(self) -> None:
+        """One physics step, and the count of contacts that begin in it."""
+        contact, force = self.data.contact, self.data.efc_force
+        apply_tracks(
+            ContactArrays(contact.geom, contact.pos, contact.frame, contact.efc_address, force),
+            self._geoms,
+            self._zones,
+            self._voltage,
+            self._braked,
+            self._body,
+            self._block,
+            self._parameters,
+        )
+        mujoco.mj_step(self.model, self.data)
+        touching = bool(self._state.touching[0])
+        if touching and not self._touching:
+            stood = self._stands()
+            self._hits, self._contacts = self._hits + stood, self._contacts + (not stood)
+        self._touching = touching
+
+    def _stands(self) -> bool:
+        """Whether the motors are off and the belts at rest; once hit, it may be pushed about."""
+        pushed = self._hits > 0
+        belts = self._radius_m * np.abs(self._qvel[self._sprocket_dof]).max()
+        return not self._voltage.any() and bool(pushed or belts < _STILL_MPS)
+
+    def _stand(self, pose: FloatArray) -> None:
+        """Set place and heading to a pose (3,) on level ground; the height stays."""
+        self._qpos[:2] = pose[:2]
+        self._qpos[3:7] = np.cos(pose[2] / 2), 0.0, 0.0, np.sin(pose[2] / 2)
+
+    def _under(self, pose: FloatArray) -> float:
+        """How high the ground reaches under the road wheels at a pose (3,), m."""
+        if not self._terrain:
+            return 0.0
+        cos, sin = np.cos(pose[2]), np.sin(pose[2])
+        x, y = self.model.geom_pos[self._wheel_geoms, :2].T
+        places = np.stack([pose[0] + cos * x - sin * y, pose[1] + sin * x + cos * y], axis=1)
+        return ground_height(self.model, self.data, self._terrain, places)
+
+    def _imu_velocity(self) -> FloatArray:
+        """(3,) m/s, in the world, now."""
+        return point_velocity(self._qpos, self._qvel, self._imu)

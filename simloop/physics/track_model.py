@@ -1,17 +1,18 @@
-"""Track-ground forces with slip, the belt's reaction on its sprocket, and the motor's law.
+"""The model of the tracks: its constants, its state, and the arrays that its kernels share.
 
-MuJoCo solves the frictionless support contacts of the road wheels; the shear forces are ours.
-Each road wheel stands for its share of the belt, cut into a front and a rear cell (see
-``brush``). Where it touches, the cells' shear acts on the vehicle, and on whatever movable
-body it touches the other way. What the belt gives the ground, the sprocket pays: the torque
-on its joint is -r sum(F . t), t the belt's direction at the contact, r the sprocket's radius.
+MuJoCo solves the frictionless support contacts of the road wheels. The shear forces are computed
+here. Each road wheel stands for its share of the belt, which is cut into a front and a rear cell
+(see `brush`). Where the wheel touches, the cells' shear acts on the vehicle, and the opposite force
+on any movable body under it. The sprocket pays for what the belt gives to the ground: its joint
+feels the torque -r sum(F . t), with t the belt's direction at the contact and r the sprocket's
+radius.
 
-A wheel may touch several surfaces at once (the ground and a step's edge): each is a patch with
-cells of its own, known again from step to step by its body and its normal.
+A wheel may touch several surfaces at once, for example the ground and the edge of a step. Each
+surface is a patch with cells of its own (see `track_contacts`).
 
-The motor (EMG49) is a voltage source behind a resistance and a back electromotive force,
-its current clipped by the driver; gear friction is the joint's ``frictionloss``, to which
-the rolling resistance of the loaded track is added, and the holding brake where it is on.
+The motor (EMG49) is a voltage source behind a resistance and a back electromotive force. Its driver
+limits the current. Gear friction is the joint's ``frictionloss``, to which the rolling resistance
+of the loaded track is added, and the holding brake where it is on.
 """
 
 from __future__ import annotations
@@ -24,10 +25,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from simloop.common.grey_image import read_grey
-from simloop.config import FrictionImage, FrictionZone, MotorConfig, TracksConfig, VehicleConfig
+from simloop.config import FrictionImage, FrictionZone, MotorConfig, TracksConfig
 from simloop.messages import FloatArray
 
-# What a geom is, as the kernel sees it; road wheel i is WHEEL + i.
+# What a geom is to the kernels; road wheel i is WHEEL + i.
 GROUND, OBSTACLE, HULL, WHEEL = 0, 1, 2, 3
 PATCHES = 3
 """Surfaces that one road wheel can touch at a time."""
@@ -35,8 +36,8 @@ Record = Any
 """A row of a structured array, as kernels see it: fields by name."""
 MOST_WHEELS = 32
 """Road wheels of both sides together, at most."""
-# A kernel's argument costs its way through the interpreter, a hundred of them a tick: so all that
-# is the tracks' own lies in one block, of a size that does not depend on the vehicle.
+# Each argument of a kernel costs time in the interpreter at every call. Therefore all that is the
+# tracks' own lies in one block, whose size does not depend on the vehicle.
 STATE_BLOCK = np.dtype(
     [
         ("mean", np.float64, (MOST_WHEELS, PATCHES, 2, 2)),
@@ -61,13 +62,32 @@ STATE_BLOCK = np.dtype(
 
 
 _HARDEST_WEIGHTS = 4.0
-"""A harder blow than so many times the vehicle's weight is over within a step or two: friction, of
-which the kernel knows only when the step is done, would throw the vehicle instead of holding it."""
+"""Most load of a patch that friction is computed with, in weights of the vehicle.
+
+A harder blow lasts one or two steps. The kernel knows a step's load only when the step is done, so
+friction in proportion to such a blow would throw the vehicle instead of holding it.
+"""
 
 
 class TrackParameters(NamedTuple):
-    """Constants of the kernel; units as in the configuration, dt in s; cell: half a wheel's, m;
-    most_load: N, what a patch's friction is reckoned with at most."""
+    """Constants of the track kernels.
+
+    Attributes:
+        friction: Coulomb friction mu where no zone says otherwise.
+        shear_modulus: K, m.
+        shear_damping: time constant c of the brush, s.
+        rolling_resistance: drag over load.
+        radius: of the sprockets, m.
+        resistance: of a motor's armature, ohm.
+        torque_per_a: at the output shaft, N m/A.
+        back_emf: at the output shaft, V s/rad.
+        current_limit: of the driver, A.
+        gear_friction: at the output shaft, N m.
+        brake_torque: of a holding brake, N m.
+        cell: length of a cell, half a road wheel's share of the belt, m.
+        most_load: most load of a patch that friction is computed with, N.
+        dt: physics step, s.
+    """
 
     friction: float
     shear_modulus: float
@@ -86,17 +106,26 @@ class TrackParameters(NamedTuple):
 
 
 class TrackState(NamedTuple):
-    """What the kernel keeps and tells, as views into a block (see `STATE_BLOCK`, whose further
-    fields are the kernel's scratch); wheels front to rear, left before right.
+    """State and results of the kernels, as views into a block of `STATE_BLOCK`.
 
-    mean, outlet: (wheels, patches, 2, 2) m, each patch's front and rear cell, along and across.
-    normal: (wheels, patches, 3) of the patches in base_link, 0 where none is; body: (wheels,
-    patches) what they lie on. main: (wheels,) the most loaded patch, -1 where none is.
-    load: (wheels,) N. current: (2,) A. track_force: (2,) N along the belt. slip: (2,) m/s along
-    the belt, weighted by load. work: (4,) J of electrical energy, of shear work, of joint friction
-    and of the motors' shafts. last: (8,) velocities of the last step: base_link's at its centre of
-    mass, linear, angular, and the sprockets'. touching: (1,) contacts of the vehicle with
-    anything but the ground.
+    Wheels are ordered front to rear, left before right. The block's other fields are scratch.
+
+    Attributes:
+        mean: (wheels, PATCHES, 2, 2) mean shear displacement of each patch's front and rear cell,
+            along and across the belt, m.
+        outlet: (wheels, PATCHES, 2, 2) displacement at the cells' downstream ends, m.
+        normal: (wheels, PATCHES, 3) of the patches in base_link; 0 where there is no patch.
+        body: (wheels, PATCHES) numbers of the bodies that they lie on.
+        main: (wheels,) the most loaded patch, -1 where there is none.
+        load: (wheels,) N.
+        current: (2,) of the motors, left and right, A.
+        track_force: (2,) thrust along the belts, N.
+        slip: (2,) speed of the belts' surface over the ground, mean by load, m/s; negative: it
+            drives.
+        work: (4,) since the reset, J: electrical, shear, friction of joints, the motors' shafts.
+        last: (8,) velocities of the last step: base_link's at its centre of mass, linear (3,) m/s,
+            angular (3,) rad/s, and the sprockets', rad/s.
+        touching: (1,) contacts of the vehicle with anything but the ground.
     """
 
     mean: FloatArray
@@ -114,7 +143,14 @@ class TrackState(NamedTuple):
 
     @classmethod
     def within(cls, block: NDArray[np.void]) -> TrackState:
-        """The views into a block (1,)."""
+        """Make the views into a block.
+
+        Args:
+            block: (1,) of `STATE_BLOCK`.
+
+        Returns:
+            Views, cut to the wheels that there are.
+        """
         wheels = int(block["wheels"][0])
         fields = {name: block[name][0] for name in cls._fields}
         cut = {name: f[:wheels] if len(f) == MOST_WHEELS else f for name, f in fields.items()}
@@ -122,22 +158,49 @@ class TrackState(NamedTuple):
 
 
 def state_block(wheels: int) -> NDArray[np.void]:
-    """(1,) of `STATE_BLOCK`, at rest in the air; wheels: on both sides together."""
+    """Make the state of tracks that are at rest in the air.
+
+    Args:
+        wheels: road wheels of both sides together.
+
+    Returns:
+        (1,) of `STATE_BLOCK`.
+
+    Raises:
+        ValueError: there are more than MOST_WHEELS road wheels.
+    """
     if wheels > MOST_WHEELS:
-        raise ValueError(f"{wheels} road wheels; no more than {MOST_WHEELS} are provided for")
+        raise ValueError(
+            f"the vehicle has {wheels} road wheels; at most {MOST_WHEELS} are supported"
+        )
     block = np.zeros(1, STATE_BLOCK)
     block["wheels"], block["main"] = wheels, -1
     return block
 
 
 def as_block(values: tuple[float, ...]) -> NDArray[np.void]:
-    """(1,) with the fields of a named tuple of floats."""
+    """Turn a named tuple of floats into a structured array, which costs a kernel one argument.
+
+    Args:
+        values: the named tuple.
+
+    Returns:
+        (1,) with the tuple's fields.
+    """
     kind = np.dtype([(name, np.float64) for name in values._fields])  # type: ignore[attr-defined]
     return np.array([tuple(values)], kind)
 
 
 class ContactArrays(NamedTuple):
-    """MuJoCo's contacts: geom (n, 2), pos (n, 3), frame (n, 9), row (n,); force (nefc,) by row."""
+    """MuJoCo's contacts.
+
+    Attributes:
+        geom: (n, 2) the geoms that touch.
+        pos: (n, 3) in the world, m.
+        frame: (n, 9) axes in the world; the first three are the normal from first to second geom.
+        row: (n,) the contact's row in ``force``; negative where it has none.
+        force: (rows,) of the constraints, N.
+    """
 
     geom: NDArray[np.int32]
     pos: FloatArray
@@ -147,13 +210,25 @@ class ContactArrays(NamedTuple):
 
 
 class BodyArrays(NamedTuple):
-    """Views into MuJoCo's state that stay where they are: read, then written.
+    """Views into MuJoCo's state, which stay where they are.
 
-    position, rotation: (3,), (9,) of base_link; velocity: (nv,) qvel, whose first six
-    are base_link's linear velocity (world) and angular velocity (base_link);
-    com, cvel, subtree_com, wrench: (nbody, ...) of all bodies; root: (nbody,) their trees' roots;
-    moves: (nbody,) whether they can; joint_force, joint_constraint,
-    joint_friction: (nv,); base: base_link's number.
+    Kernels read all but the three that are marked as written.
+
+    Attributes:
+        position: (3,) of base_link in the world, m.
+        rotation: (9,) world_from_base, by rows.
+        velocity: (nv,) qvel from the vehicle's free joint on; the first six are base_link's linear
+            velocity in the world, m/s, and its angular velocity in base_link, rad/s.
+        com: (nbody, 3) centres of mass in the world, m.
+        cvel: (nbody, 6) angular, rad/s, then linear velocity, m/s, at the tree's centre of mass.
+        subtree_com: (nbody, 3) centres of mass of the trees, m.
+        wrench: (nbody, 6) forces, N, and torques, N m, in the world; written.
+        root: (nbody,) the roots of the bodies' trees.
+        moves: (nbody,) whether a body can move.
+        joint_force: (nv,) N or N m, from the vehicle's free joint on; written.
+        joint_constraint: (nv,) constraint forces, N or N m.
+        joint_friction: (nv,) dry friction, N or N m; written.
+        base: base_link's number.
     """
 
     position: FloatArray
@@ -172,7 +247,13 @@ class BodyArrays(NamedTuple):
 
 
 class Geoms(NamedTuple):
-    """kind: (ngeom,) what each geom is; body: (ngeom,); sprocket_dof: (2,) left, right."""
+    """What the geoms and joints of the model are to the kernels.
+
+    Attributes:
+        kind: (ngeom,) GROUND, OBSTACLE, HULL, or WHEEL + the road wheel's number.
+        body: (ngeom,) the bodies that they belong to.
+        sprocket_dof: (2,) of the left and right sprocket, from the vehicle's free joint on.
+    """
 
     kind: NDArray[np.int64]
     body: NDArray[np.int32]
@@ -182,18 +263,30 @@ class Geoms(NamedTuple):
 def track_parameters(
     tracks: TracksConfig,
     motor: MotorConfig,
-    vehicle: VehicleConfig,
+    radius_m: float,
     dt_s: float,
     cell_m: float = 0.415 / 12,
     weight_n: float = 98.1,
 ) -> TrackParameters:
-    """The kernel's constants. cell_m: half a road wheel's share of the belt."""
+    """Collect the kernels' constants.
+
+    Args:
+        tracks: settings of the contact between track and ground.
+        motor: settings of the motors.
+        radius_m: true radius of the sprockets, m.
+        dt_s: physics step, s.
+        cell_m: half a road wheel's share of the belt, m.
+        weight_n: of the vehicle, N.
+
+    Returns:
+        The constants.
+    """
     return TrackParameters(
         friction=tracks.friction,
         shear_modulus=tracks.shear_modulus_m,
         shear_damping=tracks.shear_damping_s,
         rolling_resistance=tracks.rolling_resistance,
-        radius=vehicle.sprocket_radius_m,
+        radius=radius_m,
         resistance=motor.resistance_ohm,
         torque_per_a=motor.torque_nm_per_a,
         back_emf=motor.back_emf_v_per_radps,
@@ -207,15 +300,31 @@ def track_parameters(
 
 
 class FrictionMap(NamedTuple):
-    """zones: (n, 5) x_min, y_min, x_max, y_max, friction; the last one holds, and one whose
-    friction is NaN has that of ``image`` (rows from y_min, columns from x_min) laid over it."""
+    """Friction of the ground from place to place.
+
+    Attributes:
+        zones: (n, 5) x_min, y_min, x_max, y_max in map, m, and friction. Where zones overlap the
+            last one holds. A zone whose friction is NaN has that of ``image``.
+        image: (rows, columns) friction, laid over its zone: rows from y_min, columns from x_min.
+    """
 
     zones: FloatArray
     image: FloatArray
 
 
 def friction_map(zones: Sequence[FrictionZone], image: FrictionImage | None = None) -> FrictionMap:
-    """The ground's friction; the image lies below all zones. Raises InputError if unreadable."""
+    """Build the friction map of a scenario's ground.
+
+    Args:
+        zones: rectangles with a friction of their own.
+        image: a grey image that lies below all zones.
+
+    Returns:
+        The map.
+
+    Raises:
+        InputError: the image cannot be read.
+    """
     rows = [(*zone.min_m, *zone.max_m, zone.friction) for zone in zones]
     pixels = np.zeros((1, 1))
     if image is not None:
@@ -226,7 +335,17 @@ def friction_map(zones: Sequence[FrictionZone], image: FrictionImage | None = No
 
 @njit(cache=True)
 def friction_at(x: float, y: float, ground: FrictionMap, elsewhere: float) -> float:
-    """Friction of the ground at a place."""
+    """Look up the ground's friction at a place.
+
+    Args:
+        x: in map, m.
+        y: in map, m.
+        ground: the friction map.
+        elsewhere: friction outside all zones.
+
+    Returns:
+        The friction; in an image that of the nearest pixel.
+    """
     zones, image = ground.zones, ground.image
     for i in range(zones.shape[0] - 1, -1, -1):
         if zones[i, 0] <= x <= zones[i, 2] and zones[i, 1] <= y <= zones[i, 3]:
@@ -241,6 +360,15 @@ def friction_at(x: float, y: float, ground: FrictionMap, elsewhere: float) -> fl
 
 @njit(cache=True)
 def motor_current(voltage: float, speed: float, p: TrackParameters) -> float:
-    """Armature current, A, at terminal voltage and output speed, rad/s, clipped by the driver."""
+    """Armature current of a motor: (V - k_e w) / R, limited by the driver.
+
+    Args:
+        voltage: V at the terminals that is asked for, V.
+        speed: w of the output shaft, rad/s.
+        p: the constants.
+
+    Returns:
+        The current, A.
+    """
     current = (voltage - p.back_emf * speed) / p.resistance
     return min(max(current, -p.current_limit), p.current_limit)

@@ -1,7 +1,4 @@
-"""The plant's compiled kernels: the motion that a truth tells of, and ranges carried along.
-
-Their plain twins stand in the tests.
-"""
+"""The compiled kernel that fills a `Truth`: pose, velocity, and what the IMU feels."""
 
 from __future__ import annotations
 
@@ -13,68 +10,60 @@ from numpy.typing import NDArray
 
 from simloop.messages import FloatArray
 
-_GRAVITY_MPS2 = 9.81
-_GRAZING = 0.15  # cosine between a ray and the surface's normal below which it grazes
-_FAR_M = 0.01
-
 
 @njit(cache=True)
-def carry_ranges(
-    ranges: FloatArray,
-    normals: FloatArray,
-    directions: FloatArray,
-    origins: FloatArray,
-    middle: FloatArray,
-    cutoff: float,
-) -> NDArray[np.int64]:
-    """Carry ranges (n,) in place from ``middle`` (3,) to ``origins`` (n, 3), surfaces being planes.
+def rotation_of(qpos: FloatArray) -> FloatArray:
+    """Rotation matrix of the vehicle's attitude.
 
-    r' = r - (d . n) / (u . n) with n the surface's normal, d the offset, u the ray; -1 beyond
-    ``cutoff``. Returns the indices of rays that meet their surface at too flat an angle for that.
-    """
-    flat = np.empty(ranges.shape[0], np.int64)
-    count = 0
-    for i in range(ranges.shape[0]):
-        if ranges[i] < 0.0:
-            continue
-        along, off = 0.0, 0.0
-        for k in range(3):
-            along += directions[i, k] * normals[i, k]
-            off += (origins[i, k] - middle[k]) * normals[i, k]
-        if abs(along) < _GRAZING or abs(off) > _FAR_M:
-            flat[count] = i
-            count += 1
-        else:
-            ranges[i] -= off / along
-            if ranges[i] > cutoff:
-                ranges[i] = -1.0
-    return flat[:count]
+    MuJoCo's own ``xmat`` is not used: after a step it is still that of the step's beginning.
 
+    Args:
+        qpos: (7 or more,) MuJoCo's positions, the vehicle's free joint first; w, x, y, z at 3 to 6.
 
-@njit(cache=True)
-def body_motion(
-    qpos: FloatArray,
-    qvel: FloatArray,
-    rotation: FloatArray,
-    before: FloatArray,
-    period_s: float,
-    pose: FloatArray,
-    velocity: FloatArray,
-    acceleration: FloatArray,
-) -> None:
-    """Write the planar pose (3,), velocity in base_link (6,), mean proper acceleration there (3,).
-
-    The arguments before are those of ``motion_now``.
+    Returns:
+        (3, 3) world_from_base.
     """
     w, x, y, z = qpos[3], qpos[4], qpos[5], qpos[6]
-    pose[0], pose[1] = qpos[0], qpos[1]
-    pose[2] = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    for i in range(3):
-        velocity[i], acceleration[i] = 0.0, rotation[6 + i] * _GRAVITY_MPS2
-        velocity[3 + i] = qvel[3 + i]
-        for k in range(3):
-            velocity[i] += rotation[3 * k + i] * qvel[k]
-            acceleration[i] += rotation[3 * k + i] * (qvel[k] - before[k]) / period_s
+    s = 2.0 / (w * w + x * x + y * y + z * z)
+    turn = np.empty((3, 3))
+    turn[0, 0], turn[0, 1], turn[0, 2] = (
+        1.0 - s * (y * y + z * z),
+        s * (x * y - w * z),
+        s * (x * z + w * y),
+    )
+    turn[1, 0], turn[1, 1], turn[1, 2] = (
+        s * (x * y + w * z),
+        1.0 - s * (x * x + z * z),
+        s * (y * z - w * x),
+    )
+    turn[2, 0], turn[2, 1], turn[2, 2] = (
+        s * (x * z - w * y),
+        s * (y * z + w * x),
+        1.0 - s * (x * x + y * y),
+    )
+    return turn
+
+
+@njit(cache=True)
+def point_velocity(qpos: FloatArray, qvel: FloatArray, point: FloatArray) -> FloatArray:
+    """Velocity of a point that is fixed to the vehicle: v + R (omega x r).
+
+    Args:
+        qpos: as in `rotation_of`.
+        qvel: (6 or more,) linear velocity in the world, m/s, then angular in base_link, rad/s.
+        point: (3,) r, the point in base_link, m.
+
+    Returns:
+        (3,) in the world, m/s.
+    """
+    turn = rotation_of(qpos)
+    ux = qvel[4] * point[2] - qvel[5] * point[1]
+    uy = qvel[5] * point[0] - qvel[3] * point[2]
+    uz = qvel[3] * point[1] - qvel[4] * point[0]
+    velocity = np.empty(3)
+    for k in range(3):
+        velocity[k] = qvel[k] + turn[k, 0] * ux + turn[k, 1] * uy + turn[k, 2] * uz
+    return velocity
 
 
 # Where each array of a Truth stands in the one block that the kernel fills.
@@ -92,17 +81,46 @@ def motion_now(
     sprocket_dof: NDArray[np.int64],
     current: FloatArray,
     voltage: FloatArray,
-    rotation: FloatArray,
-    before: FloatArray,
+    imu: FloatArray,
+    imu_before: FloatArray,
+    gravity: FloatArray,
     period_s: float,
 ) -> FloatArray:
-    """(27,) all arrays of a Truth in one block, see the slices above.
+    """All arrays of a Truth in one block, see the slices above.
 
-    qpos, qvel: MuJoCo's, the vehicle's free joint first; sprocket_*: (2,) where the sprockets
-    are in them; rotation: (9,) world_from_base; before: (3,) world velocity one period ago.
+    The proper acceleration at the IMU is R^T (dv / T - g): v is the velocity of the IMU's own
+    point, so that the lever arm's terms alpha x r and omega x (omega x r) are in its difference.
+
+    Args:
+        qpos: MuJoCo's positions, the vehicle's free joint first.
+        qvel: MuJoCo's velocities, the same joint first; angular velocity in base_link.
+        sprocket_qpos: (2,) where the sprockets' angles are in ``qpos``.
+        sprocket_dof: (2,) where the sprockets' rates are in ``qvel``.
+        current: (2,) of the motors, A.
+        voltage: (2,) of the motors, V.
+        imu: (3,) place of the IMU in base_link, m.
+        imu_before: (3,) its velocity in the world one period ago, m/s.
+        gravity: (3,) in the world, m/s^2.
+        period_s: control period T, s.
+
+    Returns:
+        (27,) the block.
     """
     block = np.empty(27)
-    body_motion(qpos, qvel, rotation, before, period_s, block[:3], block[3:9], block[9:12])
+    # The pose: yaw of the ZYX Euler angles.
+    w, x, y, z = qpos[3], qpos[4], qpos[5], qpos[6]
+    block[0], block[1] = qpos[0], qpos[1]
+    block[2] = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    # Velocity and specific force, turned from the world into base_link. The angular velocity of a
+    # free joint is in base_link already.
+    turn, imu_now = rotation_of(qpos), point_velocity(qpos, qvel, imu)
+    for i in range(3):
+        block[3 + i], block[9 + i] = 0.0, 0.0
+        block[6 + i] = qvel[3 + i]
+        for k in range(3):
+            block[3 + i] += turn[k, i] * qvel[k]
+            block[9 + i] += turn[k, i] * ((imu_now[k] - imu_before[k]) / period_s - gravity[k])
+    # The state as it is.
     block[12:19] = qpos[:7]
     for side in range(2):
         block[19 + side] = qpos[sprocket_qpos[side]]

@@ -1,4 +1,4 @@
-"""What each geom of a model is to the tracks, and which are the road wheels."""
+"""What the model's geoms and sites are to the plant: ground, obstacle, hull, road wheel, sensor."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from simloop.messages import FloatArray
 from simloop.physics.track_model import GROUND, HULL, OBSTACLE, WHEEL
 
-_ABOVE_M = 10.0
+_ABOVE_M = 10.0  # from where rays are cast down on the terrain
 
 
 SEEN_GROUPS = (0, 1)
@@ -18,10 +18,16 @@ SEEN_GROUPS = (0, 1)
 
 
 def geom_kinds(model: mujoco.MjModel) -> np.ndarray:
-    """(ngeom,) what each geom is to the tracks: ground, obstacle, hull or road wheel i.
+    """Classify the geoms for the track kernels.
 
-    Ground is ``floor`` and whatever is named ``ground_*`` or ``loose_*`` (things that may be
-    pushed about); the vehicle is the tree under base_link.
+    Ground is ``floor`` and all geoms named ``ground_*`` or ``loose_*`` (things that may be pushed
+    about). The vehicle is the tree under base_link. Everything else is an obstacle.
+
+    Args:
+        model: an arena with the vehicle.
+
+    Returns:
+        (ngeom,) GROUND, OBSTACLE, HULL, or WHEEL + the road wheel's number.
     """
     root = model.body("base_link").id
     kinds = np.full(model.ngeom, OBSTACLE, np.int64)
@@ -37,9 +43,16 @@ def geom_kinds(model: mujoco.MjModel) -> np.ndarray:
 
 
 def road_wheels(model: mujoco.MjModel) -> list[int]:
-    """The road wheels' geoms, ``road_left_0`` (the foremost), ``road_left_1``, ..., then the right.
+    """Find the geoms of the road wheels.
 
-    Raises ValueError where the sides differ in number or there are fewer than two.
+    Args:
+        model: an arena with the vehicle.
+
+    Returns:
+        Geom numbers: ``road_left_0`` (the foremost), ``road_left_1``, ..., then the right side.
+
+    Raises:
+        ValueError: the sides differ in number, or have fewer than two.
     """
     sides = []
     for label in ("left", "right"):
@@ -48,12 +61,71 @@ def road_wheels(model: mujoco.MjModel) -> list[int]:
             count += 1
         sides.append([model.geom(f"road_{label}_{i}").id for i in range(count)])
     if len(sides[0]) != len(sides[1]) or len(sides[0]) < 2:
-        raise ValueError("each side of the vehicle needs as many road wheels, two or more")
+        raise ValueError(
+            f"the vehicle has {len(sides[0])} geoms road_left_* and {len(sides[1])} road_right_*; "
+            "each side needs as many road wheels as the other, two or more"
+        )
     return sides[0] + sides[1]
 
 
+def site_in_base(model: mujoco.MjModel, name: str) -> FloatArray:
+    """Where a site of the vehicle's chassis is.
+
+    Args:
+        model: an arena with the vehicle.
+        name: the site's name.
+
+    Returns:
+        (3,) in base_link, m; zeros where the vehicle has no such site.
+
+    Raises:
+        ValueError: the site is not fixed to base_link itself.
+    """
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name)
+    if index < 0:
+        return np.zeros(3)
+    if model.site_bodyid[index] != model.body("base_link").id:
+        raise ValueError(f"site '{name}' must be in the body base_link")
+    return np.array(model.site_pos[index], np.float64)
+
+
+def sprocket_radius(model: mujoco.MjModel) -> float:
+    """The radius at which the belts run round the sprockets.
+
+    Args:
+        model: an arena with the vehicle, whose sites ``sprocket_left_rim`` and
+            ``sprocket_right_rim`` are cylinders of that radius.
+
+    Returns:
+        The radius, m.
+
+    Raises:
+        ValueError: a site is missing, or the two differ.
+    """
+    radii = []
+    for name in ("sprocket_left_rim", "sprocket_right_rim"):
+        index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name)
+        if index < 0:
+            raise ValueError(f"the vehicle has no site '{name}', which gives its sprocket's radius")
+        radii.append(float(model.site_size[index, 0]))
+    if radii[0] != radii[1]:
+        raise ValueError(
+            f"both sprockets must have the same radius, but sprocket_left_rim has {radii[0]:g} m "
+            f"and sprocket_right_rim {radii[1]:g} m"
+        )
+    return radii[0]
+
+
 def is_free(model: mujoco.MjModel, body: int) -> bool:
-    """Whether a body hangs on a free joint: its own pose is then all of its joint's."""
+    """Whether a body hangs on a free joint, so that its pose is the joint's own.
+
+    Args:
+        model: any model.
+        body: the body's number.
+
+    Returns:
+        True for a free body.
+    """
     joint = int(model.body_jntadr[body])
     return joint >= 0 and bool(model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE)
 
@@ -61,9 +133,16 @@ def is_free(model: mujoco.MjModel, body: int) -> bool:
 def ground_height(
     model: mujoco.MjModel, data: mujoco.MjData, geoms: Sequence[int], places: FloatArray
 ) -> float:
-    """The highest that any of these geoms reaches at any of places (n, 2), m; 0 is the floor.
+    """How high some geoms reach at some places.
 
-    data: reset; its kinematics are done here.
+    Args:
+        model: an arena.
+        data: its state, reset; the kinematics are computed here.
+        geoms: numbers of the geoms.
+        places: (n, 2) in the world, m.
+
+    Returns:
+        The highest point of any of the geoms at any of the places, m; at least 0, the floor.
     """
     mujoco.mj_kinematics(model, data)
     down, normal, highest = np.array([0.0, 0.0, -1.0]), np.zeros(3), 0.0

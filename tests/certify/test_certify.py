@@ -1,4 +1,4 @@
-"""The certificate: every family holds, figures are honest, and the command says so."""
+"""The certificate: every family holds, wrong figures fail, and the command reports both."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import pytest
 from simloop import certify
 from simloop.certify.checks import Check, absolute, at_most, relative, verdict
 from simloop.certify.rig import Rig
+from simloop.certify.rig_parts import RADIUS_M
 from simloop.cli.main import app
 
 QUICK = ["straight", "payload", "zones", "loose", "steps", "ramps", "tipping", "braking", "shorted"]
@@ -71,3 +72,7 @@ def test_the_command_writes_a_table_and_json(tmp_path, capsys):
     assert keys <= set(figures["checks"][0])
     assert {"versions", "machine"} <= set(figures)
     assert "checks hold" in capsys.readouterr().out
+
+
+def test_the_rigs_vehicle_has_the_radius_that_theory_is_given():
+    assert Rig().build(settle_s=0.0).plant.sprocket_radius_m == RADIUS_M

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from simloop.physics import track_theory as theory
+from simloop.physics import turning_theory
 from simloop.physics.brush import advance_cell, cell_force, outlet_gain
 
 MODULUS, CELL = 0.001, 0.03
@@ -44,7 +45,7 @@ def test_cells_of_a_turning_belt_are_those_of_theory():
         for k in range(8):
             advance_cell(mean[k], outlet[k], rate, entering, slips[k], 0.2, CELL, MODULUS, 0.002)
             entering = outlet[k].copy()
-    expected = theory.brush_shear(slips, 0.2, CELL, MODULUS)
+    expected = turning_theory.brush_shear(slips, 0.2, CELL, MODULUS)
     np.testing.assert_allclose(mean / MODULUS, expected, atol=1e-6)
 
 

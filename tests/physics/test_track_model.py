@@ -1,4 +1,4 @@
-"""The tracks against closed forms, and the compiled brush against its plain twin."""
+"""The simulated tracks against closed forms, on planes and slopes."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import math
 import mujoco
 import numpy as np
 import pytest
+from helpers.track_forms import motion_of_icr
 from helpers.vehicles import plant_on_plane
-from scipy.optimize import brentq
 
 from simloop.config import (
     Config,
@@ -19,8 +19,9 @@ from simloop.config import (
     TracksConfig,
     VehicleConfig,
 )
+from simloop.physics import turning_theory
 from simloop.physics.plant import Plant
-from simloop.physics.track_kernel import _patch_of
+from simloop.physics.track_contacts import patch_of
 from simloop.physics.track_model import (
     friction_at,
     friction_map,
@@ -28,26 +29,11 @@ from simloop.physics.track_model import (
     state_block,
     track_parameters,
 )
-from simloop.physics.track_theory import Icr, icr_motion
 from simloop.physics.vehicle_geoms import road_wheels
 from simloop.worlds.arena import build
 
 VEHICLE = VehicleConfig()
 WEIGHT_N = 98.1
-
-
-def spin_ratio_closed_form(length: float, gauge: float) -> float:
-    """chi of an evenly loaded narrow track that turns on the spot: B F = 2 m."""
-
-    def imbalance(a: float) -> float:
-        root = math.sqrt(a * a + length * length / 4)
-        log = math.asinh(length / (2 * a))
-        thrust = 2 * a * log
-        moment = length / 2 * root - a * a * log
-        return gauge * thrust - 2 * moment
-
-    a = brentq(imbalance, 1e-6, 10.0)
-    return gauge / (gauge + 2 * a)
 
 
 def drive(plant, volts, seconds):
@@ -70,7 +56,7 @@ def test_spin_on_the_spot_has_the_closed_forms_ratio(friction, volts):
     plant = plant_on_plane(Config(tracks=TracksConfig(friction=friction)))
     truth = drive(plant, (-volts, volts), 3.0)
     assert spin_ratio(truth) == pytest.approx(
-        spin_ratio_closed_form(0.415, VEHICLE.gauge_m), rel=0.005
+        turning_theory.spin_ratio(0.415, VEHICLE.gauge_m), rel=0.005
     )
     assert np.hypot(*truth.pose_xyyaw[:2]) < 0.002
 
@@ -90,7 +76,7 @@ def test_straight_ahead_the_belt_carries_the_robot_without_slip():
 
 
 def test_no_load_and_rated_speed_are_the_motors_own():
-    p = track_parameters(TracksConfig(), MotorConfig(), VEHICLE, 0.002)
+    p = track_parameters(TracksConfig(), MotorConfig(), VEHICLE.sprocket_radius_m, 0.002)
     assert motor_current(24.0, 143 * 2 * math.pi / 60, p) == pytest.approx(0.5, rel=0.01)
     assert motor_current(24.0, 0.0, p) == 5.0
     assert motor_current(-24.0, 0.0, p) == -5.0
@@ -177,7 +163,7 @@ def test_the_tracks_truth_is_the_motions_own():
     truth = drive(plant, (6.0, 14.0), 2.0)
     tracks = plant.track_truth()
     belts = VEHICLE.sprocket_radius_m * truth.sprocket_radps
-    motion = icr_motion(Icr(*tracks.icr_m), tuple(belts))
+    motion = motion_of_icr(turning_theory.Icr(*tracks.icr_m), tuple(belts))
     assert motion == pytest.approx(truth.velocity_body[[0, 1, 5]], rel=1e-6)
     assert tracks.wheel_load_n.sum() == pytest.approx(WEIGHT_N, rel=0.01)
     assert tracks.slip_mps[0] > 0 > tracks.slip_mps[1]  # the inner track brakes
@@ -216,10 +202,10 @@ def test_a_patch_is_known_again_by_its_normal_and_by_what_it_lies_on():
     state = state_block(12)[0]
     touched = state["touched"][:12]
     touched[:] = 0.0
-    first = _patch_of(state, touched, 3, 0, 0.0, 0.0, 1.0)
+    first = patch_of(state, touched, 3, 0, 0.0, 0.0, 1.0)
     state["mean"][3, first] = 5e-4  # strained
     touched[3, first, 0] = 10.0
-    assert _patch_of(state, touched, 3, 0, 0.05, 0.0, 0.998) == first
-    on_a_sled = _patch_of(state, touched, 3, 7, 0.0, 0.0, 1.0)
+    assert patch_of(state, touched, 3, 0, 0.05, 0.0, 0.998) == first
+    on_a_sled = patch_of(state, touched, 3, 7, 0.0, 0.0, 1.0)
     assert on_a_sled != first and not state["mean"][3, on_a_sled].any()
-    assert _patch_of(state, touched, 3, 0, 1.0, 0.0, 0.0) != first  # a step's edge
+    assert patch_of(state, touched, 3, 0, 1.0, 0.0, 0.0) != first  # a step's edge
