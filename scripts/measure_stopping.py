@@ -15,7 +15,7 @@ import numpy as np
 
 from simloop.control.drive import Drive
 from simloop.ekf import GAUGE
-from simloop.messages import EncoderReading, Estimate, FloatArray
+from simloop.messages import EncoderReading, Estimate, FloatArray, Mode, Velocity
 from simloop.physics.plant import Plant
 from simloop.scenario.build import build_world
 from simloop.scenario.load import load
