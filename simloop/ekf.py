@@ -223,14 +223,14 @@ class Ekf:
         self._believe(row, kf.x, 0.5 * (kf.P + kf.P.T))
         return True
 
-    def doubt(self, t_ns: int, deviations: FloatArray) -> None:
+    def widen(self, t_ns: int, deviations: FloatArray) -> None:
         """Widen the belief of an instant by independent errors of these deviations (9,)."""
         row = self._history.find(t_ns)
         if row is not None:
             x, p = self._history.belief(row)
             self._believe(row, x, p + np.diag(np.square(deviations)))
 
-    def place(self, t_ns: int, pose: FloatArray, covariance: FloatArray) -> None:
+    def reset_pose(self, t_ns: int, pose: FloatArray, covariance: FloatArray) -> None:
         """Stand at ``pose`` (3,) at an instant, whatever was believed; all but the pose is kept."""
         row = self._history.find(t_ns)
         if row is None:
@@ -241,7 +241,7 @@ class Ekf:
         self.rejected = 0
         self._believe(row, x, p)
 
-    def mapped(self, new_share: float) -> None:
+    def add_map_error(self, new_share: float) -> None:
         """A scan has been entered in the map at this belief; new_share: of it, what was new there.
 
         The first view is the map, and brings in its whole error. Later ones bring theirs, and the

@@ -19,13 +19,14 @@ from simloop.control.separation import Separation
 from simloop.control.watchdog import OLD_PATH, StandingCounts, Watchdog
 from simloop.ekf import GAUGE
 from simloop.geometry.se2 import about_face
-from simloop.localiser import Localiser
+from simloop.localiser import Localiser, Located
 from simloop.messages import (
     DepthImage,
     EncoderReading,
     Estimate,
     Event,
     FloatArray,
+    LidarScan,
     LowObstacles,
     MapUpdate,
     Message,
@@ -41,6 +42,7 @@ from simloop.navigation.gap_choice import WidthPlanner
 from simloop.navigation.moving_goal import Pursuit
 from simloop.navigation.planner_world import foresee, opened
 from simloop.perception.low_obstacles import LowObstacleMap, looking_ahead
+from simloop.perception.mover_tracks import MoverWatch
 from simloop.tracker import Drive, Tracker
 
 _BLOCKED_SLACK_M = 0.02  # the map's grain: a path is blocked only when it is clearly so
@@ -80,6 +82,7 @@ class Robot:
         self._config = config
         self._localiser = Localiser(config, mission.start, base_from_laser, profiler)
         self._slam = self._localiser.slam
+        self._watch, self._laser = MoverWatch(), np.array(base_from_laser, np.float64)
         self._low: LowObstacleMap | None = None
         if base_from_camera is not None:
             self._low = LowObstacleMap(config.low_obstacles, config.slam, base_from_camera)
@@ -127,26 +130,23 @@ class Robot:
 
     def step(self, readings: Readings) -> TrackCommand:
         """Take the readings of one control period; return the command for the next period."""
-        encoders, imu, scan = readings.encoders, readings.imu, readings.scan
+        encoders, scan = readings.encoders, readings.scan
         goal, image = readings.goal, readings.image
         self.said.clear()
-        localiser = self._localiser
         encoders = self._counts.believed(encoders, self._sprocket_radps)
-        estimate = localiser.step(encoders, imu, scan, self._driven)
+        self._localiser.predict(replace(readings, encoders=encoders), self._driven)
+        located = None if scan is None else self._locate(scan)
+        estimate = self._localiser.conclude()
         if goal is not None:
             self._pursuit.hear(goal)
         if self._pursuit.moves:
             self._tracker.aim_at(self._pursuit.place(estimate.t_ns))
-        self.said.extend(localiser.said)
-        if localiser.jumped:
-            self._begin_anew()
-        if localiser.new_surfaces_m is not None:
-            self._unchecked.append(localiser.new_surfaces_m)
+        self.said.extend(self._localiser.messages)
         if image is not None:
-            self._look_low(image, estimate)
-        if localiser.seen_from is not None:
-            self._monitor.observe(self._slam.points_m, localiser.seen_from, self._standing_m)
-        if not localiser.health.said.halts:
+            self._look_low(image, estimate, located)
+        if located is not None:
+            self._monitor.observe(located.points_m, located.pose, self._standing_m)
+        if not self._localiser.health.current.halts:
             reason = self._reason_to_plan(estimate, scan is not None)
             if reason:
                 self._replan(estimate, reason)
@@ -161,6 +161,21 @@ class Robot:
         self._driven = left != 0.0 or right != 0.0
         return command
 
+    def _locate(self, scan: LidarScan) -> Located | None:
+        """Match a scan, see what moves in it, and enter the rest in the map."""
+        located = self._localiser.match(scan, self._watch.discs_at(scan.t_ns))
+        if located is None:
+            return None
+        if located.relocalised:
+            self._watch.forget()
+            self._begin_anew()
+        with self._time["slam"]:
+            mask = self._watch.look(located.points_m, self._laser, located.pose, scan.t_ns)
+        if self._watch.tracks is not None:
+            self._say(self._watch.tracks)
+        self._unchecked.append(self._localiser.enter(located, mask))
+        return located
+
     def _beliefs(self) -> list[FloatArray | None]:
         """What stands there though no scan shows it: with all that is guessed of it, and, if that
         leaves no way, without."""
@@ -171,14 +186,14 @@ class Robot:
         """(k, 2) in map, what stands there though no scan shows it."""
         return None if self._low is None else self._low.surfaces_m
 
-    def _look_low(self, image: DepthImage, estimate: Estimate) -> None:
+    def _look_low(self, image: DepthImage, estimate: Estimate, located: Located | None) -> None:
         """Enter a depth image of this instant, if it is known from where it was taken."""
         self._image_ns = image.t_ns
-        if self._low is None or self._localiser.health.said.halts:
+        if self._low is None or self._localiser.health.current.halts:
             return
         with self._time["slam"]:
-            scan = self._slam.points_m if self._localiser.seen_from is not None else _NOTHING
-            fresh = self._low.look(image, estimate.pose, scan, self._localiser.movers)
+            scan = _NOTHING if located is None else located.points_m
+            fresh = self._low.look(image, estimate.pose, scan, self._watch.tracks)
             self._unchecked.append(fresh)
         self._say(LowObstacles(estimate.t_ns, self._low.surfaces_m.copy()))
 
@@ -209,7 +224,7 @@ class Robot:
 
     def _met(self, estimate: Estimate) -> bool:
         """Whether something moves so near that a plan of a while ago may lead into its way."""
-        movers = self._localiser.movers
+        movers = self._watch.tracks
         if movers is None or estimate.t_ns - self._planned_ns < _MOVERS_NS:
             return False
         return bool((np.hypot(*(movers.position_m - estimate.pose[:2]).T) < _MOVERS_M).any())
@@ -245,7 +260,7 @@ class Robot:
             with self._time["planner"]:
                 pose, pace = estimate.pose, self._pace_mps
                 goal = self._pursuit.aim(still, pose, pace, self._config.planner.safe_distance_m)
-                view = foresee(still, self._localiser.movers, pose, pace)
+                view = foresee(still, self._watch.tracks, pose, pace)
                 plan, smoother, view = self._find_way(view, pose, goal, reason)
             if plan.safe:
                 break
@@ -257,7 +272,7 @@ class Robot:
             MapUpdate(estimate.t_ns, grid.origin_m.copy(), grid.resolution_m, grid.log_odds.copy())
         )
         # What moves may close a way off, and clears it again.
-        still_there = self._localiser.movers is None
+        still_there = self._watch.tracks is None
         if still_there and self._reach.look(still, pose, goal, plan.safe):
             text = "the goal cannot be reached: what is known closes it off"
             self._say(Event(plan.t_ns, "warning", text))
@@ -307,9 +322,9 @@ class Robot:
         tracker, recovery, health = self._tracker, self._recovery, self._localiser.health
         watchdog = self._watchdog
         self._look_whether_fresh(estimate)
-        if health.said.halts:
+        if health.current.halts:
             tracker.overrule(0.0, 0.0)
-            return self._drive.command((0.0, 0.0, health.said.state), estimate, encoders)
+            return self._drive.command((0.0, 0.0, health.current.state), estimate, encoders)
         if recovery.active:
             speed, rate, mode = recovery.velocity(estimate)
             if not recovery.active:
@@ -329,7 +344,7 @@ class Robot:
             free_speed,
             free_rate,
             estimate.pose,
-            self._localiser.movers,
+            self._watch.tracks,
             estimate.t_ns,
             not self.arrived,
         )
@@ -345,7 +360,7 @@ class Robot:
         """Have the watchdog look at what the robot is about to drive by."""
         tracker = self._tracker
         followed = tracker.path is not None and not (tracker.arrived or self._recovery.active)
-        reasons = self._localiser.health.said.reasons
+        reasons = self._localiser.health.current.reasons
         path_ns = self._path_ns if followed else None
         image_ns = None if self._low is None else self._image_ns
         event = self._watchdog.look(estimate.t_ns, reasons, path_ns, image_ns)

@@ -34,7 +34,7 @@ from simloop.estimation.ekf_model import (
 )
 from simloop.geometry.se2 import wrap_angle
 from simloop.localiser import Localiser
-from simloop.messages import EncoderReading, Frames, ImuReading, PoseFix
+from simloop.messages import EncoderReading, Frames, ImuReading, PoseFix, Readings
 from simloop.physics.plant import Plant
 from simloop.scenario.build import build_world
 from simloop.scenario.load import load
@@ -387,20 +387,20 @@ def test_nees_on_the_plant_over_sixty_seeds_is_inside_its_band():
 def test_the_maps_error_is_considered_and_no_fix_takes_it_away():
     kf = make_filter()
     kf.advance(*reading(10_000_000, 0.0, 0.0))
-    kf.mapped(1.0)
+    kf.add_map_error(1.0)
     first = kf.estimate().covariance[:3, :3] - kf.covariance_in_map
     assert np.all(np.diag(first) >= np.square([0.0012, 0.0012, 0.0005]))
     for i in range(2, 102):
         kf.advance(*reading(i * 10_000_000, 0.004 * i, 0.004 * i))
         pose = np.array([0.004 * i, 0.0, 0.0])
         kf.correct(PoseFix(i * 10_000_000, pose, np.eye(3) * 1e-7, 1.0, True))
-        kf.mapped(0.0)
+        kf.add_map_error(0.0)
     last = kf.estimate().covariance[:3, :3] - kf.covariance_in_map
     # Nothing new was seen: yaw's part is as it was, and has become one of y, 0.4 m further on.
     assert last[2, 2] == pytest.approx(first[2, 2])
     way = kf.estimate().pose[0]
     assert last[1, 1] == pytest.approx(first[1, 1] + way**2 * first[2, 2], rel=0.05)
-    kf.mapped(0.5)
+    kf.add_map_error(0.5)
     assert kf.estimate().covariance[0, 0] - kf.covariance_in_map[0, 0] > last[0, 0]
 
 
@@ -411,13 +411,13 @@ def test_a_map_that_is_turned_shifts_what_is_ahead_to_its_left(heading):
     kf = Ekf(*parts, np.array([0.0, 0.0, heading]), DT)
     ahead = np.array([math.cos(heading), math.sin(heading)])
     kf.advance(*reading(10_000_000, 0.0, 0.0))
-    kf.mapped(1.0)
+    kf.add_map_error(1.0)
     first = kf.estimate().covariance[:3, :3] - kf.covariance_in_map
     for i in range(2, 102):
         kf.advance(*reading(i * 10_000_000, 0.004 * i, 0.004 * i))
         pose = np.array([*(0.004 * i * ahead), heading])
         kf.correct(PoseFix(i * 10_000_000, pose, np.eye(3) * 1e-7, 1.0, True))
-        kf.mapped(0.0)
+        kf.add_map_error(0.0)
     last = kf.estimate().covariance[:3, :3] - kf.covariance_in_map
     way = kf.estimate().pose[:2] @ ahead
     to_left = way * np.array([-ahead[1], ahead[0]])
@@ -442,8 +442,13 @@ def test_wheels_alone_keep_the_yaw_over_ten_turns_once_the_centres_are_learnt(fr
     while not true or true[-1] < 22.0 * math.pi:
         before, truth = truth, plant.step(np.array([-9.0, 9.0]))
         counts = encoders.read(truth)
-        localiser.step(counts, imu.read(truth), lidar.sweep(before, truth, plant), True)
-        (frames,) = [m for m in localiser.said if isinstance(m, Frames)]
+        scan = lidar.sweep(before, truth, plant)
+        localiser.predict(Readings(counts, imu.read(truth), scan), driven=True)
+        located = None if scan is None else localiser.match(scan, None)
+        if located is not None:
+            localiser.enter(located, None)
+        localiser.conclude()
+        (frames,) = [m for m in localiser.messages if isinstance(m, Frames)]
         by_wheels = frames.odom_from_base_by_wheels
         for found, yaw in ((wheels, by_wheels[2]), (true, truth.pose_xyyaw[2])):
             found.append(yaw if not found else found[-1] + wrap_angle(yaw - found[-1]))

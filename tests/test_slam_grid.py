@@ -11,7 +11,7 @@ from helpers.rooms import ANGLES, Room
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simloop.config import SlamConfig, VehicleConfig
+from simloop.config import SlamConfig
 from simloop.geometry.se2 import wrap_angle
 from simloop.mapping.grid_kernels import placed_bounds, trace_scan
 from simloop.mapping.scan_match import refine, surface_at
@@ -36,7 +36,7 @@ CORRIDOR = Room((-40, -0.8, 40, -0.8), (-40, 0.8, 40, 0.8))
 
 
 def mapped(room, poses, seed=0, config=CONFIG) -> GridSlam:
-    slam, rng = GridSlam(config, VehicleConfig(), LASER), np.random.default_rng(seed)
+    slam, rng = GridSlam(config, LASER), np.random.default_rng(seed)
     for i, pose in enumerate(poses):
         slam.insert(room.scan(np.array(pose, float), rng, i), np.array(pose, float))
     return slam
@@ -222,7 +222,7 @@ def test_a_sweep_is_laid_out_by_the_ages_of_its_beams():
     scan = LidarScan(t_ns, ANGLES, ranges, age_ns, 0.15, 12.0)
     trail_ns = t_ns - np.arange(10, -1, -1) * 10_000_000
     trail = end + (start - end) * ((t_ns - trail_ns) / 1e8)[:, None]
-    slam = GridSlam(CONFIG, VehicleConfig(), LASER)
+    slam = GridSlam(CONFIG, LASER)
     slam.match(scan, trail_ns, trail, end, 1e-6 * np.eye(3))
     slam.insert(scan, end)
     cos, sin = math.cos(end[2]), math.sin(end[2])
@@ -278,17 +278,18 @@ def test_the_end_of_a_corridor_holds_the_match_along_it():
 
 
 def test_what_is_new_is_told_and_told_once():
-    slam = mapped(SQUARE, [(0, 0, 0)])
-    first = slam.new_surfaces_m
+    slam = GridSlam(CONFIG, LASER)
+    scan = SQUARE.scan(np.zeros(3), np.random.default_rng(0), 0)
+    first, share = slam.insert(scan, np.zeros(3))
+    assert share == 1.0
     assert len(first) > 200
     assert np.abs(np.abs(first).max(axis=1) - WALL).max() < 1.4  # walls, and the plank at 0.5-1
-    slam.insert(SQUARE.scan(np.zeros(3), None, 7), np.zeros(3))
-    assert len(slam.new_surfaces_m) < 0.2 * len(first)
+    again, share = slam.insert(SQUARE.scan(np.zeros(3), None, 7), np.zeros(3))
+    assert len(again) < 0.2 * len(first) and share < 0.3
     post = Room(*SQUARE.segments, (-1.02, -0.2, -1.02, 0.2))
     told = []
     for i in range(3):
-        slam.insert(post.scan(np.zeros(3), None, 8 + i), np.zeros(3))
-        told.append(slam.new_surfaces_m)
+        told.append(slam.insert(post.scan(np.zeros(3), None, 8 + i), np.zeros(3))[0])
     told = np.concatenate(told)
     on_post = (np.abs(told[:, 0] + 1.02) < 0.03) & (np.abs(told[:, 1]) < 0.23)
     assert on_post.sum() >= 6

@@ -43,7 +43,7 @@ class HealthMonitor:
         self._last_scan_ns = 0
         self._misfits = 0
         self.lost_since_ns: int | None = None
-        self.said = Health(0, "ok", (), False)
+        self.current = Health(0, "ok", (), False)
 
     @property
     def lost(self) -> bool:
@@ -107,14 +107,18 @@ class HealthMonitor:
             self._until_ns[NO_SCANS] = t_ns + 1
         if self.lost:
             self._until_ns[LOST] = t_ns + 1
-        if not self._until_ns and self.said.state == "ok":
+        if not self._until_ns and self.current.state == "ok":
             return None
         for reason in [r for r, until_ns in self._until_ns.items() if until_ns <= t_ns]:
             del self._until_ns[reason]
         reasons = tuple(sorted(self._until_ns))
         halts = self._misfits >= _MISFITS_TO_HALT or not _HALTING.isdisjoint(reasons)
         state = "lost" if self.lost else "degraded" if reasons else "ok"
-        if (state, reasons, halts) == (self.said.state, self.said.reasons, self.said.halts):
+        if (state, reasons, halts) == (
+            self.current.state,
+            self.current.reasons,
+            self.current.halts,
+        ):
             return None
-        self.said = Health(t_ns, state, reasons, halts)
-        return self.said
+        self.current = Health(t_ns, state, reasons, halts)
+        return self.current
