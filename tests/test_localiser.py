@@ -155,3 +155,33 @@ def test_two_thin_posts_cannot_contradict_the_belief():
             own.enter(located, None)
         own.conclude()
     assert not own.health.current.halts and not own.health.lost
+
+
+def test_thin_scans_after_two_misfits_end_as_given_up_and_not_in_silence():
+    """The robot halts; with nothing to decide by, it must say so, and come to an end."""
+    own = localiser()
+    for _ in run(own, 100):
+        pass
+    last = 100
+    for i, _, _ in run(own, 100, pose=ELSEWHERE, first=101):
+        last = i
+        if own.health.current.halts:
+            break
+    assert not own.health.lost
+    empty = ROOM.scan(np.zeros(3), None, 0)
+    gave_up_after_s = math.inf
+    for i in range(last + 1, last + 1201):
+        t_ns = i * PERIOD_NS
+        imu = ImuReading(t_ns, np.zeros(3), GRAVITY.copy())
+        own.predict(Readings(EncoderReading(t_ns, 0, 0), imu), driven=False)
+        if t_ns % SCAN_NS == 0:
+            ranges = np.full(360, np.inf)
+            scan = LidarScan(t_ns, empty.angles_rad, ranges, empty.age_ns, 0.15, 12.0)
+            own.enter(own.match(scan, None), None)
+        own.conclude()
+        assert own.health.current.halts
+        assert "scans do not fit" in own.health.current.reasons
+        if own.gave_up:
+            gave_up_after_s = (i - last) * PERIOD_NS * 1e-9
+            break
+    assert 9.0 < gave_up_after_s < 11.0
