@@ -41,6 +41,18 @@ _SMALL_STEP = 1e-4  # m and rad, at which the iteration ends
 
 
 @njit(cache=True)
+def _pose_between(
+    k: int, pose_t_ns: NDArray[np.int64], poses: FloatArray, t_ns: int
+) -> tuple[float, float, float]:
+    """The pose at an instant, interpolated from the k-th pose and the next one."""
+    if poses.shape[0] == 1:
+        return poses[0, 0], poses[0, 1], poses[0, 2]
+    f = (t_ns - pose_t_ns[k]) / (pose_t_ns[k + 1] - pose_t_ns[k])
+    ax, ay, ayaw = poses[k, 0], poses[k, 1], poses[k, 2]
+    return interpolate_xyt(ax, ay, ayaw, poses[k + 1, 0], poses[k + 1, 1], poses[k + 1, 2], f)
+
+
+@njit(cache=True)
 def deskew(
     angles: FloatArray,
     ranges: FloatArray,
@@ -73,24 +85,11 @@ def deskew(
         r = ranges[i]
         if not (limits[0] <= r <= limits[1]):
             continue
-        # The poses before and after this beam; beams mostly come in order, but need not.
         while k + 1 < last and pose_t_ns[k + 1] < beam_t_ns[i]:
             k += 1
         while k > 0 and pose_t_ns[k] > beam_t_ns[i]:
             k -= 1
-        if last == 0:
-            x, y, yaw = ex, ey, eyaw
-        else:
-            f = (beam_t_ns[i] - pose_t_ns[k]) / (pose_t_ns[k + 1] - pose_t_ns[k])
-            x, y, yaw = interpolate_xyt(
-                poses[k, 0],
-                poses[k, 1],
-                poses[k, 2],
-                poses[k + 1, 0],
-                poses[k + 1, 1],
-                poses[k + 1, 2],
-                f,
-            )
+        x, y, yaw = _pose_between(k, pose_t_ns, poses, beam_t_ns[i])
         # The laser's place relative to the last pose, still in the standing frame.
         c, s = math.cos(yaw), math.sin(yaw)
         lx = x + c * mount[0] - s * mount[1] - ex
