@@ -1,15 +1,15 @@
 """The state estimator: filterpy's extended Kalman filter for a skid-steered, tracked robot.
 
-The state and the models are those of ``ekf_model``. Wheels, gyro and accelerometer come at
-100 Hz and ask for the same arithmetic each time; filterpy's ``predict`` and ``update`` spend
-some 80 us on it, nearly all of it in Python's own overhead, a fifth of what the whole loop may
-take. So ``PeriodicEkf`` adds to filterpy's filter one compiled step with the very same equations
-(the tests hold it to filterpy's to 1e-12); LiDAR fixes, at 10 Hz, go through ``update`` itself, at
-the instant that they tell of, and what was heard since is replayed (see ``ekf_history``).
+State and models are those of ``ekf_model``. Wheels, gyro and accelerometer come at 100 Hz and need
+the same arithmetic each time. filterpy's ``predict`` and ``update`` take some 80 us for it, nearly
+all of it overhead of Python and a fifth of what the whole loop may take. So ``PeriodicEkf`` adds
+one compiled step with the same equations (tests compare it with filterpy's, to 1e-10). LiDAR
+fixes, at 10 Hz, go through filterpy's ``update`` at their own instant; then the inputs since that
+instant are filtered again (see ``ekf_history``).
 
-A fix says where the robot stands in its own map. What that map is off by is in every fix alike and
-averages out in none, so the filter's covariance is relative to the map, and the map's error is
-considered beside it (Schmidt 1966): an ``Estimate`` carries the sum of both.
+A fix tells where the robot stands in its own map. The map's error is in every fix alike and does
+not average out. So the filter's covariance is relative to the map, and the map's error is kept
+beside it (Schmidt 1966): an ``Estimate`` carries the sum of both.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ from simloop.messages import EncoderReading, Estimate, FloatArray, ImuReading, P
 
 __all__ = ["GAUGE", "ICR_X", "OFFSET", "Ekf", "PeriodicEkf"]
 
-_STATIONARY_STD = 1e-3  # m/s, of a sprocket that has not moved one count for a while
+_STATIONARY_STD = 1e-3  # m/s, of a belt speed when no count has come for _STATIONARY_NS
 _STATIONARY_NS = 200_000_000
-_STATIONARY_RADPS = 0.02  # a gyro that says more, its bias taken off, says that it turns
-_REJECTIONS_BEFORE_TRUST = 5
-_REMEMBERED_PERIODS = 4
-_NO_GYRO_VAR = 1e6
-_LONE_BELT_GATE = 4.0  # squared deviations within which a belt is heard though the other is not
-_HISTORY_NS = 500_000_000
+_STATIONARY_RADPS = 0.02  # a yaw rate above this, without the bias, means that the robot turns
+_REJECTIONS_BEFORE_TRUST = 5  # refused fixes in a row after which the belief is widened instead
+_REMEMBERED_PERIODS = 4  # over which the filter averages a belt's speed
+_NO_GYRO_VAR = 1e6  # (rad/s)^2, of a gyro reading that has not come
+_LONE_BELT_GATE = 4.0  # squared Mahalanobis distance up to which a belt is used without the other
+_HISTORY_NS = 500_000_000  # how late a fix may come
 
 
 def _pose(x: FloatArray) -> FloatArray:
@@ -69,7 +69,12 @@ def _pose_jacobian(_: FloatArray) -> FloatArray:
 
 
 class PeriodicEkf(ExtendedKalmanFilter):
-    """filterpy's filter, with the step that every control period repeats compiled into one call."""
+    """filterpy's filter, with one compiled call for the step that every control period repeats.
+
+    Attributes:
+        x: (9,) state.
+        P: (9, 9) covariance.
+    """
 
     x: FloatArray
     P: FloatArray
@@ -77,15 +82,27 @@ class PeriodicEkf(ExtendedKalmanFilter):
     def predict_and_correct(
         self, inputs: FloatArray, walk: FloatArray, gauge_m: float, gates: FloatArray
     ) -> None:
-        """``predict`` and ``update`` with gyro and belts in one; see the function of this name.
+        """Predict over one period and correct with gyro and belts.
 
-        ``x`` and ``P`` become new arrays: those before stay with whoever holds them.
+        ``x`` and ``P`` become new arrays, so that a belief given away before never changes.
+
+        Args:
+            inputs: (11,) the period's inputs; see ``ekf_model.predict_and_correct``.
+            walk: (7,) process noise densities.
+            gauge_m: Nominal distance of the tracks, m.
+            gates: (3,) see ``ekf_model.gate_wheels``.
         """
         self.x, self.P = predict_and_correct(self.x, self.P, inputs, walk, gauge_m, gates)
 
 
 class Ekf:
-    """Fuses encoders, gyro, accelerometer and LiDAR poses; starts at rest at ``pose`` (3,)."""
+    """Fuses encoders, gyro, accelerometer and LiDAR poses.
+
+    Attributes:
+        rejected: How many fixes were refused in a row.
+        shove_var: Process noise of the position, m^2/s, while something pushes the robot.
+        belts_refused: Which belts, left and right, the gate refused in the last period.
+    """
 
     def __init__(
         self,
@@ -96,11 +113,21 @@ class Ekf:
         pose: FloatArray,
         period_s: float,
     ) -> None:
+        """Start at rest.
+
+        Args:
+            config: Noises and gates of the filter.
+            encoder: Counts a turn.
+            imu: Noise of the gyro.
+            vehicle: Gauge and sprocket radius.
+            pose: (3,) x, y, yaw of base_link in map, m and rad.
+            period_s: Control period, s.
+        """
         self._gauge, self._period_s = vehicle.gauge_m, period_s
         self._metres_a_count = 2.0 * math.pi * vehicle.sprocket_radius_m / encoder.counts_per_turn
-        # A count either came or not: the difference of two uniform errors, over the period. But
-        # what one period has too much the next has too little, so over the few periods that the
-        # filter remembers a speed the error falls with their number, not with its root.
+        # A count has come or not: the error is the difference of two uniform ones. What one
+        # period counts too much the next counts too little, so over the periods that the filter
+        # averages the error falls with their number, not with its root.
         quantum = self._metres_a_count / period_s / math.sqrt(6.0)
         self._wheel_var = quantum**2 / _REMEMBERED_PERIODS + config.encoder_slip_mps**2
         self._gyro_var = imu.gyro_noise_radps_rthz**2 / period_s
@@ -140,16 +167,24 @@ class Ekf:
 
     @property
     def stationary(self) -> bool:
-        """Whether no sprocket has moved nor the gyro turned for a while."""
+        """Whether neither the sprockets nor the gyro have shown motion for a while."""
         return self._t_ns - self._moved_ns >= _STATIONARY_NS
 
     @property
     def covariance_in_map(self) -> FloatArray:
-        """(3, 3) of the pose relative to the robot's own map, whatever that is off by."""
+        """(3, 3) of the pose relative to the robot's own map, without the map's own error."""
         return self._filter.P[:3, :3]
 
     def belief_at(self, t_ns: int) -> tuple[FloatArray, FloatArray] | None:
-        """Pose (3,) and its covariance in the map (3, 3) at an instant; None: too long ago."""
+        """Return the belief of an instant.
+
+        Args:
+            t_ns: The instant.
+
+        Returns:
+            Pose (3,) x, y, yaw of base_link in map, and its covariance (3, 3) relative to the map.
+            None if that instant is forgotten.
+        """
         row = self._history.find(t_ns)
         if row is None:
             return None
@@ -157,7 +192,11 @@ class Ekf:
         return x[:3], p[:3, :3]
 
     def estimate(self) -> Estimate:
-        """The belief now."""
+        """Return the belief now.
+
+        Returns:
+            State and covariance, with the map's error in it.
+        """
         covariance = with_pose_error(self._filter.P, self._map_error)
         # The filter makes a new x at each step, and never writes into one that it gave away.
         return Estimate(self._t_ns, self._filter.x, covariance)
@@ -167,9 +206,16 @@ class Ekf:
     ) -> Estimate:
         """Predict to the readings' instant with the accelerometer, correct with wheels and gyro.
 
-        may_move: whether the motors are driven, so that counts that stand need not mean rest. A
-        reading whose stamp is not newer than the last one's has not come: it was late, or the
-        sensor has stopped. Where neither is new, nothing but a period's time has passed.
+        A reading whose stamp is not newer than the last one's counts as missing: it is late, or
+        the sensor has stopped. If both are missing, one period is predicted.
+
+        Args:
+            encoders: Sprocket counts.
+            imu: Rates and accelerations.
+            may_move: Whether the motors are driven, so that standing counts need not mean rest.
+
+        Returns:
+            The belief now.
         """
         new_counts = self._last is None or encoders.t_ns > self._last.t_ns
         new_imu = imu.t_ns > self._imu_ns
@@ -188,23 +234,29 @@ class Ekf:
         left, right, lag_s = self._wheel_speeds(encoders) if new_counts else (0.0, 0.0, 0.0)
         rests = self.stationary
         accel = float(imu.accel_mps2[0]) if new_imu and not rests else 0.0
-        # Counts tell the mean speed over the time that they took, which was that of half of it ago.
+        # Counts give the mean speed since the last ones: that of half that time ago.
         left, right = left + accel * lag_s, right + accel * lag_s
         wheel_var = _STATIONARY_STD**2 if rests else self._wheel_var
         if not new_counts:
             wheel_var = SLIPPING_VAR
-        told = (accel, dt, left, right, gyro, wheel_var, wheel_var, gyro_var, self.shove_var)
-        inputs = self._history.push(now_ns, told)
+        values = (accel, dt, left, right, gyro, wheel_var, wheel_var, gyro_var, self.shove_var)
+        inputs = self._history.push(now_ns, values)
         self._filter.predict_and_correct(inputs, self._walk, self._gauge, self._gates)
         self._history.keep(self._filter.x, self._filter.P)
         self.belts_refused = (bool(inputs[NO_LEFT]), bool(inputs[NO_RIGHT]))
         return self.estimate()
 
     def correct(self, fix: PoseFix) -> bool:
-        """Correct with a LiDAR pose, at its own instant; False if it was refused.
+        """Correct the belief with a LiDAR pose, at its own instant.
 
-        A fix outside the gate is refused, but not for ever: after several in a row it is the
-        belief that is doubted, and widened. One that is older than what is remembered is refused.
+        A fix outside the gate is refused. After several in a row the belief is widened instead,
+        and the fix is taken.
+
+        Args:
+            fix: The pose and its covariance.
+
+        Returns:
+            False if it was refused, is not ok, or is older than the filter's memory.
         """
         row = self._history.find(fix.t_ns) if fix.ok else None
         if row is None:
@@ -220,18 +272,29 @@ class Ekf:
         kf.x, kf.P = x, p
         kf.update(fix.pose, _pose_jacobian, _pose, R=fix.covariance, residual=_pose_residual)
         kf.x[YAW] = wrap_angle(kf.x[YAW])
-        self._believe(row, kf.x, 0.5 * (kf.P + kf.P.T))
+        self._replace_belief(row, kf.x, 0.5 * (kf.P + kf.P.T))
         return True
 
-    def doubt(self, t_ns: int, deviations: FloatArray) -> None:
-        """Widen the belief of an instant by independent errors of these deviations (9,)."""
+    def widen(self, t_ns: int, deviations: FloatArray) -> None:
+        """Widen the belief of an instant by independent errors.
+
+        Args:
+            t_ns: The instant; nothing happens if it is forgotten.
+            deviations: (9,) standard deviations in the state's units.
+        """
         row = self._history.find(t_ns)
         if row is not None:
             x, p = self._history.belief(row)
-            self._believe(row, x, p + np.diag(np.square(deviations)))
+            self._replace_belief(row, x, p + np.diag(np.square(deviations)))
 
-    def place(self, t_ns: int, pose: FloatArray, covariance: FloatArray) -> None:
-        """Stand at ``pose`` (3,) at an instant, whatever was believed; all but the pose is kept."""
+    def reset_pose(self, t_ns: int, pose: FloatArray, covariance: FloatArray) -> None:
+        """Replace the pose of an instant; all other parts of the state are kept.
+
+        Args:
+            t_ns: The instant; nothing happens if it is forgotten.
+            pose: (3,) x, y, yaw of base_link in map.
+            covariance: (3, 3) of it.
+        """
         row = self._history.find(t_ns)
         if row is None:
             return
@@ -239,26 +302,29 @@ class Ekf:
         x[:3], p[:3], p[:, :3] = pose, 0.0, 0.0
         p[:3, :3] = covariance
         self.rejected = 0
-        self._believe(row, x, p)
+        self._replace_belief(row, x, p)
 
-    def mapped(self, new_share: float) -> None:
-        """A scan has been entered in the map at this belief; new_share: of it, what was new there.
+    def add_map_error(self, new_share: float) -> None:
+        """Account for a scan that was entered in the map at the present belief.
 
-        The first view is the map, and brings in its whole error. Later ones bring theirs, and the
-        belief's, for what is new in them alone: the map about the robot moves by that share of
-        it. Errors of different scans are independent, so their variances add up.
+        The first scan is the map and brings in its whole error. Later ones bring their own error
+        and that of the belief for what is new in them: the map about the robot moves by that share
+        of it. Errors of different scans are independent, so their variances add up.
+
+        Args:
+            new_share: Share of the scan that was new in the map, 0 to 1.
         """
         x, before = self._filter.x, self._mapped_at
         self._mapped_at = x
         if before is not None:
-            # The map is turned about where it began: further off, a turn is a shift.
+            # A turn of the map about its beginning is a shift where the robot is now.
             dx, dy = x[0] - before[0], x[1] - before[1]
             carry = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
             self._map_error = carry @ self._map_error @ carry.T
         self._map_error += new_share**2 * (self._filter.P[:3, :3] + self._entry_noise)
 
-    def _believe(self, row: int, x: FloatArray, p: FloatArray) -> None:
-        """Put a belief into the history, and take up what follows from it now."""
+    def _replace_belief(self, row: int, x: FloatArray, p: FloatArray) -> None:
+        """Put a belief into the history, and take over what follows from it now."""
         self._filter.x, self._filter.P = self._history.rewrite(
             row, x, p, self._walk, self._gauge, self._gates
         )

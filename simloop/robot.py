@@ -6,7 +6,7 @@ readings -> Localiser -> Navigator (planner, smoother) -> Tracker -> VelocityArb
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from simloop.messages import (
     Estimate,
     Event,
     FloatArray,
+    LidarScan,
     LowObstacles,
     MapUpdate,
     Message,
@@ -37,6 +38,7 @@ from simloop.messages import (
 )
 from simloop.navigation.navigator import Navigator, Progress, Surroundings, plan_heading
 from simloop.perception.low_obstacles import LowObstacleMap
+from simloop.perception.mover_tracks import MoverTracker
 from simloop.tracker import Tracker
 
 _NOTHING = np.empty((0, 2))
@@ -89,6 +91,7 @@ class Robot:
         has_camera, period = base_from_camera is not None, rates.control_s
         self._localiser = Localiser(config, mission.start, base_from_laser, profiler)
         self._slam = self._localiser.slam
+        self._movers, self._laser = MoverTracker(), np.array(base_from_laser, np.float64)
         self._low: LowObstacleMap | None = None
         if base_from_camera is not None:
             self._low = LowObstacleMap(
@@ -150,11 +153,15 @@ class Robot:
         """
         self.messages.clear()
         encoders = self._counts.believed(readings.encoders, self._sprocket_radps)
-        estimate = self._locate(readings, encoders)
+        self._localiser.predict(replace(readings, encoders=encoders), self._driven)
+        if readings.scan is not None:
+            self._take_scan(readings.scan)
+        estimate = self._localiser.conclude()
+        self.messages.extend(self._localiser.messages)
         self._follow_goal(readings, estimate)
         if readings.image is not None:
             self._look_low(readings.image, estimate)
-        if not self._localiser.health.said.halts:
+        if not self._localiser.health.current.halts:
             self._navigate(estimate, readings.scan is not None)
         self.messages.append(estimate)
         with self._time["tracker"]:
@@ -164,21 +171,24 @@ class Robot:
         self._driven = left != 0.0 or right != 0.0
         return command
 
-    def _locate(self, readings: Readings, encoders: EncoderReading) -> Estimate:
-        """Where the robot is; what it sees goes to monitor and navigator."""
-        localiser = self._localiser
-        estimate = localiser.step(encoders, readings.imu, readings.scan, self._driven)
-        self.messages.extend(localiser.said)
-        if localiser.jumped:
+    def _take_scan(self, scan: LidarScan) -> None:
+        """Match a scan, see what moves in it, and enter the rest in the map."""
+        localiser, movers = self._localiser, self._movers
+        located = localiser.match(scan, movers.discs_at(scan.t_ns))
+        if located is None:
+            return
+        if located.relocalised:
+            movers.reset()
             self._navigator.forget()
             self._tracker.hold()
             self._monitor.forget()
-        if localiser.new_surfaces_m is not None:
-            self._navigator.note_surfaces(localiser.new_surfaces_m)
-        if localiser.seen_from is not None:
-            self._last_scan = self._slam.points_m, localiser.seen_from
-            self._monitor.observe(self._slam.points_m, localiser.seen_from, self._standing_m)
-        return estimate
+        with self._time["slam"]:
+            mask = movers.update(located.points_m, self._laser, located.pose, scan.t_ns)
+        if movers.tracks is not None:
+            self.messages.append(movers.tracks)
+        self._navigator.note_surfaces(localiser.enter(located, mask))
+        self._last_scan = located.points_m, located.pose
+        self._monitor.observe(located.points_m, located.pose, self._standing_m)
 
     def _follow_goal(self, readings: Readings, estimate: Estimate) -> None:
         """Take news of a goal that moves."""
@@ -195,11 +205,11 @@ class Robot:
     def _look_low(self, image: DepthImage, estimate: Estimate) -> None:
         """Enter a depth image of this instant, if it is known from where it was taken."""
         self._image_ns = image.t_ns
-        if self._low is None or self._localiser.health.said.halts:
+        if self._low is None or self._localiser.health.current.halts:
             return
         with self._time["slam"]:
             scan, scan_pose = self._last_scan
-            movers = self._localiser.movers
+            movers = self._movers.tracks
             fresh = self._low.update(image, estimate.pose, scan, scan_pose, movers)
             self._navigator.note_surfaces(fresh)
         self.messages.append(LowObstacles(estimate.t_ns, self._low.surfaces_m.copy()))
@@ -210,7 +220,7 @@ class Robot:
         navigator.messages.clear()
         now = Surroundings(
             new_scan,
-            self._localiser.movers,
+            self._movers.tracks,
             [None] if low is None else [low.surfaces_m, low.seen_m],
             lambda place, standing: self._slam.view(estimate.t_ns, place, standing),
         )
@@ -254,8 +264,8 @@ class Robot:
         health = self._localiser.health
         self._check_freshness(estimate)
         asked, doing = self._tracker.velocity(estimate)
-        if health.said.halts:
-            doing = Mode(health.said.state)
+        if health.current.halts:
+            doing = Mode(health.current.state)
         elif self._watchdog.stops and doing in (Mode.FOLLOW, Mode.TURN):
             doing = Mode.WAIT
         stuck = self._is_stuck(estimate, doing)
@@ -263,9 +273,9 @@ class Robot:
             estimate.t_ns,
             estimate.pose,
             self._monitor.points_at(estimate.pose),
-            self._localiser.movers,
+            self._movers.tracks,
             doing,
-            0.0 if health.said.halts else self._watchdog.speed_cap_mps,
+            0.0 if health.current.halts else self._watchdog.speed_cap_mps,
             self._may_reverse,
             not self._tracker.arrived,
             stuck,
@@ -279,7 +289,7 @@ class Robot:
     def _is_stuck(self, estimate: Estimate, doing: Mode) -> bool:
         """Whether the robot frees itself now; begins and ends a recovery."""
         recovery = self._recovery
-        if self._localiser.health.said.halts:
+        if self._localiser.health.current.halts:
             return False
         if recovery.active:
             if not recovery.goes_on(estimate):
@@ -299,7 +309,7 @@ class Robot:
         followed = tracker.path is not None and not (tracker.arrived or self._recovery.active)
         event = self._watchdog.check(
             estimate.t_ns,
-            self._localiser.health.said.reasons,
+            self._localiser.health.current.reasons,
             self._navigator.path_ns if followed else None,
             None if self._low is None else self._image_ns,
         )

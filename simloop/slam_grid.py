@@ -1,7 +1,7 @@
-"""Grid SLAM: scans are deskewed, matched to the map that earlier scans made, and entered in it.
+"""Grid SLAM: deskew each scan, match it to the map that earlier scans made, and enter it there.
 
-The map is a log-odds occupancy grid that grows as needed; each cell also keeps the sums of its
-hits, so that surfaces are known finer than the cells. Unknown is free, as in Sabiha 2022.
+The map is a log-odds occupancy grid that grows as needed. Each cell also keeps the sums of its
+hits, so that surfaces are known finer than the cells. Unknown space counts as free (Sabiha 2022).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from simloop.config import SlamConfig, VehicleConfig
+from simloop.config import SlamConfig
 from simloop.geometry.discs import discs_of, on_discs
 from simloop.geometry.se2 import transform_points
 from simloop.geometry.small_matrices import inverse_3
@@ -21,26 +21,34 @@ from simloop.mapping.map_files import load_map
 from simloop.mapping.scan_match import deskew
 from simloop.messages import FloatArray, LidarScan, PoseFix, WorldView
 
-_FIRST_POINTS = 10  # a scan with fewer hits is not matched
-_NEXT_TO_NOTHING = 1e-3 * np.eye(3)  # information where a match has none at all
-_EDGE_PENALTY = 0.02  # of the search's score at the window's edge: of equals, the nearest
+_LEAST_POINTS = 10  # a scan with fewer hits is not matched
+_LEAST_INFORMATION = 1e-3 * np.eye(3)  # keeps an uninformative match invertible
+_EDGE_PENALTY = 0.02  # of the search's score at the window's edge: of equals, the nearest wins
 
 
 class GridSlam:
     """The robot's map, and the pose fixes that it gives.
 
-    base_from_laser: (3,) x, y, yaw of the laser in base_link.
+    Attributes:
+        grid: The map.
+        resolution_m: Side of a cell, m.
+        points_m: (n, 2) hits of the last scan in base_link at its end, m.
     """
 
-    def __init__(
-        self, config: SlamConfig, vehicle: VehicleConfig, base_from_laser: FloatArray
-    ) -> None:
+    def __init__(self, config: SlamConfig, base_from_laser: FloatArray) -> None:
+        """Begin with an empty map, or with the one that the settings name.
+
+        Args:
+            config: Settings of the map and the matcher.
+            base_from_laser: (3,) x, y, yaw of the laser in base_link, m and rad.
+
+        Raises:
+            InputError: The named map cannot be read.
+        """
         self._config, self._mount = config, np.ascontiguousarray(base_from_laser, np.float64)
         prior = Path(config.prior_map)
         self.grid = load_map(prior, config) if config.prior_map else GridMap(config)
         self.resolution_m = self.grid.resolution_m
-        self.new_surfaces_m = np.empty((0, 2))
-        self.new_share = 0.0
         self._scan_t_ns = -1
         self.points_m = np.empty((0, 2))
         self._matched = self._origins = np.empty((0, 2))
@@ -49,12 +57,12 @@ class GridSlam:
 
     @property
     def matched(self) -> int:
-        """How many points of the last scan were held against the map."""
+        """How many points of the last scan were compared with the map."""
         return len(self._matched)
 
     @property
     def origin_m(self) -> FloatArray:
-        """(2,) lower left corner of the first cell."""
+        """(2,) lower left corner of the first cell, in map, m."""
         return self.grid.origin_m
 
     @property
@@ -70,29 +78,37 @@ class GridSlam:
     def match(
         self,
         scan: LidarScan,
-        trail_t_ns: np.ndarray,
-        trail: FloatArray,
+        sweep_t_ns: NDArray[np.int64],
+        sweep_poses: FloatArray,
         prior_pose: FloatArray,
         prior_covariance: FloatArray,
-        moving: FloatArray | None = None,
+        ignore: FloatArray | None = None,
     ) -> PoseFix:
-        """Where the scan fits the map: pose of base_link at the scan's end.
+        """Find where a scan fits the map.
 
-        trail_t_ns (k,), trail (k, 3): the estimator's poses over the sweep, oldest first.
-        prior_pose (3,), prior_covariance (3, 3): its belief at the scan's end. ``ok`` is False on
-        an empty map, with too few hits, or where the scan does not fit. moving: (n, 3) discs in
-        map, x, y, radius, of what moves: its points are not the map's, and tell nothing.
+        Args:
+            scan: A full turn of the LiDAR.
+            sweep_t_ns: (k,) rising stamps of the odometry during the turn.
+            sweep_poses: (k, 3) x, y, yaw of base_link in odom at those stamps.
+            prior_pose: (3,) believed pose of base_link in map at the scan's end.
+            prior_covariance: (3, 3) of that belief.
+            ignore: (n, 3) discs x, y, radius in map, m, of what moves: points on them are not
+                compared. None: nothing moves.
+
+        Returns:
+            The pose of base_link in map at the scan's end. Its ``ok`` is False on an empty map,
+            with too few hits, or where the scan does not fit.
         """
-        self._take(scan, trail_t_ns, trail)
+        self._deskew(scan, sweep_t_ns, sweep_poses)
         prior = np.array(prior_pose, np.float64)
         self._matched = self.points_m
-        if moving is not None:
-            theirs = on_discs(transform_points(prior, self.points_m), moving)
-            self._matched = np.ascontiguousarray(self.points_m[~theirs])
-        if self.grid.scans == 0 or len(self._matched) < _FIRST_POINTS:
+        if ignore is not None:
+            ignored = on_discs(transform_points(prior, self.points_m), ignore)
+            self._matched = np.ascontiguousarray(self.points_m[~ignored])
+        if self.grid.scans == 0 or len(self._matched) < _LEAST_POINTS:
             return PoseFix(scan.t_ns, prior, np.array(prior_covariance), 0.0, False)
-        # The belief is mostly so good that the refinement's basin holds the answer; where it
-        # is not, or the refined pose does not fit, the whole window is searched.
+        # The belief is mostly so good that the refinement converges from it. Where it is not, or
+        # where the refined pose does not fit, the whole window is searched.
         unsure = math.sqrt(max(prior_covariance[0, 0], prior_covariance[1, 1])) > 0.5 * (
             self.resolution_m
         )
@@ -107,27 +123,42 @@ class GridSlam:
         return PoseFix(scan.t_ns, pose, covariance, share, ok)
 
     def insert(
-        self, scan: LidarScan, pose: FloatArray, moving: NDArray[np.bool_] | None = None
-    ) -> None:
-        """Enter a scan that ended at ``pose`` (3,); the trail is that of its match.
+        self, scan: LidarScan, pose: FloatArray, mask: NDArray[np.bool_] | None = None
+    ) -> tuple[FloatArray, float]:
+        """Enter a scan in the map, unless the settings forbid to extend it.
 
-        moving: (n,) which of ``points_m`` lie on what moves, and are left out.
+        A scan that ``match`` saw last is deskewed as it was there; any other is taken as if the
+        robot had stood during the turn.
 
-        ``new_surfaces_m`` (k, 2) then holds where, in map, cells became occupied by it, and
-        ``new_share`` their share of all cells in which its beams ended.
+        Args:
+            scan: A full turn of the LiDAR.
+            pose: (3,) x, y, yaw of base_link in map at the scan's end.
+            mask: (n,) which of ``points_m`` are left out; None: none.
+
+        Returns:
+            (k, 2) in map, m, where cells became occupied by it, and their share of all cells in
+            which its beams ended.
         """
         if scan.t_ns != self._scan_t_ns:
-            self._take(scan, np.array([scan.t_ns], np.int64), np.array([pose], np.float64))
-        if self._config.extend_map:
-            points, origins = self.points_m, self._origins
-            if moving is not None:
-                points, origins = points[~moving], origins[~moving]
-            self.new_surfaces_m, self.new_share = self.grid.insert(
-                points, origins, np.array(pose, np.float64)
-            )
+            self._deskew(scan, np.array([scan.t_ns], np.int64), np.array([pose], np.float64))
+        if not self._config.extend_map:
+            return np.empty((0, 2)), 0.0
+        points, origins = self.points_m, self._origins
+        if mask is not None:
+            points, origins = points[~mask], origins[~mask]
+        return self.grid.insert(points, origins, np.array(pose, np.float64))
 
     def view(self, t_ns: int, goal: FloatArray, surfaces_m: FloatArray | None = None) -> WorldView:
-        """The map as a planner sees it; surfaces_m: (k, 2) in map, what else stands there."""
+        """Return the map as a planner sees it.
+
+        Args:
+            t_ns: Stamp of the view.
+            goal: (2,) in map, m; the bounds reach beyond it.
+            surfaces_m: (k, 2) in map, m, further surfaces that no scan shows; None: none.
+
+        Returns:
+            Distance field, obstacle discs and bounds; nothing moves in it.
+        """
         grid = self.grid
         if surfaces_m is not None and len(surfaces_m):
             grid = grid.joined(surfaces_m)
@@ -141,14 +172,16 @@ class GridSlam:
             box = np.concatenate((low, high))
         return WorldView(t_ns, origin.copy(), self.resolution_m, grid.distances(), found, box)
 
-    def _take(self, scan: LidarScan, trail_t_ns: np.ndarray, trail: FloatArray) -> None:
+    def _deskew(
+        self, scan: LidarScan, sweep_t_ns: NDArray[np.int64], sweep_poses: FloatArray
+    ) -> None:
         self.points_m, self._origins = deskew(
             scan.angles_rad,
             scan.ranges_m,
             scan.t_ns - scan.age_ns,
             np.array([scan.range_min_m, scan.range_max_m]),
-            trail_t_ns,
-            trail,
+            sweep_t_ns,
+            sweep_poses,
             self._mount,
         )
         self._scan_t_ns = scan.t_ns
@@ -167,7 +200,7 @@ class GridSlam:
         A direction that no surface holds, as along a corridor, has no information and so a large
         variance. The map's own error is not in it: it is the same for one fix after the other.
         """
-        scaled = inverse_3(information + _NEXT_TO_NOTHING)
+        scaled = inverse_3(information + _LEAST_INFORMATION)
         covariance = scaled * max(residual, 0.1) + self._floor
         return 0.5 * (covariance + covariance.T)
 

@@ -11,14 +11,17 @@ from helpers.rooms import ANGLES, Room
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simloop.config import SlamConfig, VehicleConfig
+from simloop.config import SlamConfig
 from simloop.geometry.se2 import wrap_angle
-from simloop.mapping.grid_kernels import placed_bounds, trace_scan
+from simloop.mapping.grid_kernels import Evidence, GridLayers, placed_bounds, trace_scan
 from simloop.mapping.scan_match import refine, surface_at
 from simloop.messages import LidarScan
 from simloop.slam_grid import GridSlam
 
 CONFIG = SlamConfig()
+EVIDENCE = Evidence(
+    CONFIG.hit_log_odds, CONFIG.miss_log_odds, CONFIG.max_log_odds, CONFIG.occupied_log_odds
+)
 LASER = np.zeros(3)
 seeds = st.integers(0, 2**32 - 1)
 
@@ -36,7 +39,7 @@ CORRIDOR = Room((-40, -0.8, 40, -0.8), (-40, 0.8, 40, 0.8))
 
 
 def mapped(room, poses, seed=0, config=CONFIG) -> GridSlam:
-    slam, rng = GridSlam(config, VehicleConfig(), LASER), np.random.default_rng(seed)
+    slam, rng = GridSlam(config, LASER), np.random.default_rng(seed)
     for i, pose in enumerate(poses):
         slam.insert(room.scan(np.array(pose, float), rng, i), np.array(pose, float))
     return slam
@@ -107,7 +110,7 @@ def cells_of(points, pose, corner):
 @settings(max_examples=15)
 def test_tracing_a_scan_is_what_the_plain_twin_does(seed):
     rng = np.random.default_rng(seed)
-    shape, x0, y0 = (64, 80), -1.9, -1.6
+    shape, x0, y0 = (80, 80), -1.9, -2.0
 
     def empty():
         return (
@@ -125,9 +128,8 @@ def test_tracing_a_scan_is_what_the_plain_twin_does(seed):
         through = rng.random(40) < rng.choice([0.0, 0.3])
         odds, hits, stamp, occupied = fast
         found, share = trace_scan(
-            points, origins, through, pose, x0, y0, CONFIG.resolution_m, odds, hits, stamp,
-            occupied, number, CONFIG.hit_log_odds, CONFIG.miss_log_odds, CONFIG.max_log_odds,
-            CONFIG.occupied_log_odds,
+            points, origins, through, pose, (x0, y0), CONFIG.resolution_m,
+            GridLayers(odds, hits, stamp, occupied), number, EVIDENCE,
         )  # fmt: skip
         expected = plain_trace(points, origins, through, pose, (x0, y0, *slow), number)
         np.testing.assert_allclose(odds, slow[0], atol=1e-5)
@@ -206,24 +208,24 @@ def test_the_grain_of_the_cells_is_added_to_what_every_fix_leaves_open():
     np.testing.assert_allclose(found[1] - found[0], np.diag(added), atol=1e-9)
 
 
-def test_a_bad_prior_is_made_good_by_the_search():
+def test_a_bad_prior_is_corrected_by_the_search():
     slam = mapped(SQUARE, [(0, 0, 0)] * 3)
     fix = match(slam, SQUARE, (0, 0, 0), (0.12, -0.1, 0.08), sd=0.1)
     assert fix.ok
     assert fix.pose == pytest.approx([0, 0, 0], abs=8e-3)
 
 
-def test_a_sweep_is_laid_out_by_the_ages_of_its_beams():
+def test_a_scan_is_deskewed_by_the_ages_of_its_beams():
     """The robot moves and turns during the sweep; seen from its end, the walls are straight."""
     start, end, t_ns = np.array([-0.2, 0.1, 0.1]), np.array([0.1, -0.1, 0.6]), 500_000_000
     age_ns = np.arange(359, -1, -1, dtype=np.int64) * 277_777
     poses = end + (start - end) * (age_ns / 1e8)[:, None]
     ranges = np.array([SQUARE.ranges(pose)[i] for i, pose in enumerate(poses)])
     scan = LidarScan(t_ns, ANGLES, ranges, age_ns, 0.15, 12.0)
-    trail_ns = t_ns - np.arange(10, -1, -1) * 10_000_000
-    trail = end + (start - end) * ((t_ns - trail_ns) / 1e8)[:, None]
-    slam = GridSlam(CONFIG, VehicleConfig(), LASER)
-    slam.match(scan, trail_ns, trail, end, 1e-6 * np.eye(3))
+    sweep_ns = t_ns - np.arange(10, -1, -1) * 10_000_000
+    poses_in_sweep = end + (start - end) * ((t_ns - sweep_ns) / 1e8)[:, None]
+    slam = GridSlam(CONFIG, LASER)
+    slam.match(scan, sweep_ns, poses_in_sweep, end, 1e-6 * np.eye(3))
     slam.insert(scan, end)
     cos, sin = math.cos(end[2]), math.sin(end[2])
     points = slam.points_m @ np.array([[cos, sin], [-sin, cos]]) + end[:2]
@@ -238,8 +240,8 @@ def test_a_scan_of_another_place_does_not_fit():
     assert not match(slam, elsewhere, (0, 0, 0), (0, 0, 0)).ok
 
 
-def test_a_scan_that_lies_all_about_its_surfaces_does_not_fit():
-    """Every point has a surface near it, and is twice the grain off: too much for a strict gate."""
+def test_a_scan_that_scatters_about_its_surfaces_does_not_fit():
+    """Each point has a surface nearby but is off by twice the grain: a strict gate refuses it."""
     ranges = SQUARE.ranges(np.zeros(3)) + 0.02 * np.random.default_rng(3).choice([-1.0, 1.0], 360)
     scan = LidarScan(10**9, ANGLES, ranges, np.zeros(360, np.int64), 0.15, 12.0)
     for most, ok in ((5.0, True), (2.0, False)):
@@ -277,27 +279,28 @@ def test_the_end_of_a_corridor_holds_the_match_along_it():
     assert math.sqrt(fix.covariance[0, 0]) < 0.01
 
 
-def test_what_is_new_is_told_and_told_once():
-    slam = mapped(SQUARE, [(0, 0, 0)])
-    first = slam.new_surfaces_m
+def test_new_surfaces_are_returned_once():
+    slam = GridSlam(CONFIG, LASER)
+    scan = SQUARE.scan(np.zeros(3), np.random.default_rng(0), 0)
+    first, share = slam.insert(scan, np.zeros(3))
+    assert share == 1.0
     assert len(first) > 200
     assert np.abs(np.abs(first).max(axis=1) - WALL).max() < 1.4  # walls, and the plank at 0.5-1
-    slam.insert(SQUARE.scan(np.zeros(3), None, 7), np.zeros(3))
-    assert len(slam.new_surfaces_m) < 0.2 * len(first)
+    again, share = slam.insert(SQUARE.scan(np.zeros(3), None, 7), np.zeros(3))
+    assert len(again) < 0.2 * len(first) and share < 0.3
     post = Room(*SQUARE.segments, (-1.02, -0.2, -1.02, 0.2))
-    told = []
+    seen = []
     for i in range(3):
-        slam.insert(post.scan(np.zeros(3), None, 8 + i), np.zeros(3))
-        told.append(slam.new_surfaces_m)
-    told = np.concatenate(told)
-    on_post = (np.abs(told[:, 0] + 1.02) < 0.03) & (np.abs(told[:, 1]) < 0.23)
+        seen.append(slam.insert(post.scan(np.zeros(3), None, 8 + i), np.zeros(3))[0])
+    seen = np.concatenate(seen)
+    on_post = (np.abs(seen[:, 0] + 1.02) < 0.03) & (np.abs(seen[:, 1]) < 0.23)
     assert on_post.sum() >= 6
-    assert len({tuple(np.round(p, 2)) for p in told[on_post]}) == on_post.sum()
+    assert len({tuple(np.round(p, 2)) for p in seen[on_post]}) == on_post.sum()
 
 
 @pytest.mark.parametrize("off_m", [0.0, 0.01, 0.02, 0.025, 0.03, 0.04])
 def test_a_wall_stays_where_it_is_wherever_the_cells_lie(off_m):
-    """The near half of the noise must not be voted free, or walls recede from the robot."""
+    """If beams voted the near half of the noise free, walls would recede from the robot."""
     x = 2.0 + off_m
     room = Room((x, -0.6, x, 0.6), (-x, -0.6, -x, 0.6))
     slam = mapped(room, [(0, 0, 0)] * 30, seed=3)
@@ -336,7 +339,7 @@ def test_the_planners_distances_are_those_to_the_surfaces():
         assert -1e-5 <= view.distance_m[row, col] - nearest < 0.05
 
 
-def test_a_view_tells_what_has_come_into_the_map_since_the_last_one():
+def test_a_view_shows_what_has_come_into_the_map_since_the_last_one():
     slam = mapped(SQUARE, [(0, 0, 0)] * 3)
     goal = np.array([1.0, 1.0])
     before = slam.view(0, goal)

@@ -1,4 +1,4 @@
-"""A Kalman filter for a point that mostly keeps its velocity: its acceleration is white noise.
+"""A Kalman filter for a moving point with nearly constant velocity: white-noise acceleration.
 
 Bar-Shalom et al. 2001, Sec. 6.3: the acceleration is constant over each step.
 """
@@ -14,9 +14,7 @@ from simloop.messages import FloatArray
 
 
 class ConstantVelocity:
-    """State x, y, vx, vy in map. place_m: (2,) where it was seen at ``t_ns``, at rest for all that
-    is known; place_std_m of a sighting, speed_std_mps of the velocity at first, acceleration_mps2:
-    standard deviations, one axis."""
+    """Estimates position and velocity of one point; the state is x, y, vx, vy in map."""
 
     def __init__(
         self,
@@ -26,6 +24,15 @@ class ConstantVelocity:
         speed_std_mps: float,
         acceleration_mps2: float,
     ) -> None:
+        """Start at a first sighting, with zero velocity.
+
+        Args:
+            place_m: (2,) in map, where the point was seen.
+            t_ns: When.
+            place_std_m: Standard deviation of a sighting along one axis, m.
+            speed_std_mps: Standard deviation of the first velocity along one axis, m/s.
+            acceleration_mps2: Standard deviation of the acceleration along one axis, m/s^2.
+        """
         self._t_ns, self._acceleration = t_ns, acceleration_mps2
         self._filter = kf = KalmanFilter(4, 2)
         kf.x = np.concatenate((place_m, np.zeros(2)))
@@ -34,25 +41,36 @@ class ConstantVelocity:
 
     @property
     def place(self) -> FloatArray:
-        """(2,) m, in map, at the instant that it was last brought to."""
+        """(2,) position in map at the last predicted instant, m."""
         return self._filter.x[:2]
 
     @property
     def velocity(self) -> FloatArray:
-        """(2,) m/s, in map."""
+        """(2,) velocity in map, m/s."""
         return self._filter.x[2:]
 
     @property
     def std_m(self) -> float:
-        """Of its place, one axis."""
+        """Standard deviation of the position along one axis, m."""
         return math.sqrt(0.5 * float(self._filter.P[0, 0] + self._filter.P[1, 1]))
 
     def place_at(self, t_ns: int) -> FloatArray:
-        """(2,) m, where it is at another instant if it goes on as it goes."""
+        """Return the position at another instant, if the velocity stays as it is.
+
+        Args:
+            t_ns: The instant; the state does not change.
+
+        Returns:
+            (2,) in map, m.
+        """
         return self.place + 1e-9 * (t_ns - self._t_ns) * self.velocity
 
     def predict(self, t_ns: int) -> None:
-        """Bring it to an instant."""
+        """Predict the state to an instant.
+
+        Args:
+            t_ns: The instant, not before the last one.
+        """
         dt = 1e-9 * (t_ns - self._t_ns)
         self._t_ns = t_ns
         motion = np.eye(4)
@@ -61,5 +79,9 @@ class ConstantVelocity:
         self._filter.predict(F=motion, Q=self._acceleration**2 * gain @ gain.T)
 
     def update(self, place_m: FloatArray) -> None:
-        """It has been seen, at the instant that it was brought to, at ``place_m`` (2,)."""
+        """Correct the state with a sighting at the last predicted instant.
+
+        Args:
+            place_m: (2,) in map, m.
+        """
         self._filter.update(place_m)

@@ -1,9 +1,9 @@
-"""Dead reckoning, smooth as REP-105 wants odom to be, and planar poses by the hundred.
+"""Dead reckoning: two odometry paths that no fix ever moves, so that they are smooth (REP-105).
 
-Two paths are reckoned side by side. ``odom_from_base`` adds up the filter's speeds, which wheels,
-gyro and LiDAR all have their part in; no fix ever moves it. ``odom_from_base_by_wheels`` adds up
-what the encoders counted and nothing else, with the centres of rotation that the filter has learnt:
-it shows what the tracks alone are worth, and is one of the voices when the others disagree.
+``odom_from_base`` adds up the filter's speeds, to which wheels, gyro and LiDAR all contribute.
+``odom_from_base_by_wheels`` adds up the encoder counts only, with the centres of rotation that the
+filter has learnt. It shows what the tracks alone are worth, and is one of the measurements that
+``motion_votes`` compares.
 """
 
 from __future__ import annotations
@@ -20,20 +20,34 @@ from simloop.messages import EncoderReading, Estimate, FloatArray, Frames
 
 
 @njit(cache=True)
-def moved(pose: FloatArray, ahead: float, aside: float, turned: float) -> None:
-    """Move ``pose`` (3,), in place, by m and rad in its own frame, along an arc."""
+def move(pose: FloatArray, forward: float, lateral: float, turned: float) -> None:
+    """Move a pose along an arc, in place.
+
+    Args:
+        pose: (3,) x, y, yaw, m and rad.
+        forward: Way along the pose's own x, m.
+        lateral: Way along its own y, m.
+        turned: Turn on the way, rad.
+    """
     middle = pose[2] + 0.5 * turned
     cos, sin = math.cos(middle), math.sin(middle)
-    pose[0] += ahead * cos - aside * sin
-    pose[1] += ahead * sin + aside * cos
+    pose[0] += forward * cos - lateral * sin
+    pose[1] += forward * sin + lateral * cos
     pose[2] = wrap_angle(pose[2] + turned)
 
 
 @njit(cache=True)
-def by_belts(left: float, right: float, state: FloatArray, gauge: float) -> FloatArray:
-    """(3,) m ahead, m aside and rad turned of a robot whose belts have come so far, m.
+def belt_motion(left: float, right: float, state: FloatArray, gauge: float) -> FloatArray:
+    """Return the body's motion from that of its belts (Martinez & Mandow 2005).
 
-    Martinez & Mandow 2005, with the centres of rotation of a filter's ``state`` (9,).
+    Args:
+        left: Way of the left belt, m.
+        right: Way of the right belt, m.
+        state: (9,) of the filter, with the centres of rotation; see ``ekf_model``.
+        gauge: Nominal distance of the tracks, m.
+
+    Returns:
+        (3,) forward, m, lateral, m, and turn, rad.
     """
     width = gauge * state[GAUGE]
     y_left = state[OFFSET] + 0.5 * width
@@ -42,7 +56,7 @@ def by_belts(left: float, right: float, state: FloatArray, gauge: float) -> Floa
 
 
 @njit(cache=True)
-def reckon(
+def advance_paths(
     odom: FloatArray,
     wheels: FloatArray,
     state: FloatArray,
@@ -51,16 +65,35 @@ def reckon(
     right: float,
     gauge: float,
 ) -> None:
-    """Carry both paths, (3,) each, one period dt, s, on; left, right: m of belt in it."""
+    """Carry both paths one period on, in place.
+
+    Args:
+        odom: (3,) x, y, yaw, moved by the filter's speeds.
+        wheels: (3,) x, y, yaw, moved by the belts.
+        state: (9,) of the filter.
+        dt: The period, s.
+        left: Way of the left belt in it, m.
+        right: Way of the right belt in it, m.
+        gauge: Nominal distance of the tracks, m.
+    """
     turned = state[RATE] * dt
-    moved(odom, state[SPEED] * dt, -state[ICR_X] * turned, turned)
-    ahead, aside, turned = by_belts(left, right, state, gauge)
-    moved(wheels, ahead, aside, turned)
+    move(odom, state[SPEED] * dt, -state[ICR_X] * turned, turned)
+    forward, lateral, turned = belt_motion(left, right, state, gauge)
+    move(wheels, forward, lateral, turned)
 
 
 @njit(cache=True)
-def frames_now(odom: FloatArray, wheels: FloatArray, pose: FloatArray) -> FloatArray:
-    """(3, 3) odom_from_base, map_from_odom of a belief ``pose`` (3,), and the wheels' path."""
+def transforms(odom: FloatArray, wheels: FloatArray, pose: FloatArray) -> FloatArray:
+    """Return the transforms of the frames.
+
+    Args:
+        odom: (3,) odom_from_base.
+        wheels: (3,) the same by the wheels alone.
+        pose: (3,) believed map_from_base.
+
+    Returns:
+        (3, 3) rows: odom_from_base, map_from_odom, odom_from_base by the wheels; each x, y, yaw.
+    """
     out = np.empty((3, 3))
     bx, by, byaw = inverse_xyt(odom[0], odom[1], odom[2])
     x, y, yaw = compose_xyt(pose[0], pose[1], pose[2], bx, by, byaw)
@@ -70,9 +103,20 @@ def frames_now(odom: FloatArray, wheels: FloatArray, pose: FloatArray) -> FloatA
 
 
 class DeadReckoning:
-    """Both paths, from zero on."""
+    """Reckons both paths, which start at zero.
+
+    Attributes:
+        odom_from_base: (3,) x, y, yaw by the filter's speeds, m and rad.
+        by_wheels: (3,) the same by the encoders alone.
+    """
 
     def __init__(self, vehicle: VehicleConfig, encoder: EncoderConfig) -> None:
+        """Start at zero.
+
+        Args:
+            vehicle: Gauge and sprocket radius.
+            encoder: Counts a turn.
+        """
         self._gauge = vehicle.gauge_m
         self._metres_a_count = 2.0 * math.pi * vehicle.sprocket_radius_m / encoder.counts_per_turn
         self.odom_from_base, self.by_wheels = np.zeros(3), np.zeros(3)
@@ -80,7 +124,12 @@ class DeadReckoning:
         self._t_ns = -1
 
     def advance(self, encoders: EncoderReading, estimate: Estimate) -> None:
-        """Go on to the estimate's instant; counts that are not new move nothing."""
+        """Go on to the estimate's instant.
+
+        Args:
+            encoders: The last counts; if they are not new, the belts have not moved.
+            estimate: The filter's belief now.
+        """
         last, left, right = self._last or encoders, 0.0, 0.0
         if encoders.t_ns >= last.t_ns:
             left = (encoders.left_counts - last.left_counts) * self._metres_a_count
@@ -88,11 +137,20 @@ class DeadReckoning:
             self._last = encoders
         dt = (estimate.t_ns - self._t_ns) * 1e-9 if self._t_ns >= 0 else 0.0
         self._t_ns = estimate.t_ns
-        reckon(self.odom_from_base, self.by_wheels, estimate.state, dt, left, right, self._gauge)
+        advance_paths(
+            self.odom_from_base, self.by_wheels, estimate.state, dt, left, right, self._gauge
+        )
 
     def frames(self, estimate: Estimate) -> Frames:
-        """The transforms now, of the belief that ``estimate`` is."""
-        odom, map_from_odom, wheels = frames_now(
+        """Return the transforms now.
+
+        Args:
+            estimate: The belief that base_link in map is taken from.
+
+        Returns:
+            Both paths, and map_from_odom.
+        """
+        odom, map_from_odom, wheels = transforms(
             self.odom_from_base, self.by_wheels, estimate.state
         )
         return Frames(estimate.t_ns, odom, map_from_odom, wheels)

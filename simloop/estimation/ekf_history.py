@@ -1,8 +1,8 @@
-"""What the filter believed at each of the last periods, and what it was told in each of them.
+"""The filter's beliefs and inputs of the last control periods, for corrections that come late.
 
-A LiDAR pose comes late: the turn must be full, the match takes its time, and a network may add to
-it. It belongs to its own instant. So the belief of that instant is corrected, and all that has
-come since is told to it again, in one compiled call.
+A LiDAR pose comes late: the turn must be complete, the match takes time, and a network may add to
+it. But it belongs to its own instant. So the belief of that instant is corrected, and all inputs
+since then are filtered again, in one compiled call.
 """
 
 from __future__ import annotations
@@ -14,9 +14,14 @@ from simloop.messages import FloatArray
 
 
 class History:
-    """A ring of the last ``periods`` beliefs, each with the inputs that led to it."""
+    """A ring buffer of beliefs, each with the inputs that led to it."""
 
     def __init__(self, periods: int) -> None:
+        """Make room.
+
+        Args:
+            periods: How many beliefs are kept.
+        """
         self._t_ns = np.full(periods, np.iinfo(np.int64).min)
         self._states = np.zeros((periods, STATES))
         self._covariances = np.zeros((periods, STATES, STATES))
@@ -24,15 +29,26 @@ class History:
         self._last, self._count = 0, 0
 
     def start(self, t_ns: int, x: FloatArray, p: FloatArray) -> None:
-        """Forget all; the belief at ``t_ns``, from which any replay begins."""
+        """Forget everything and keep a first belief.
+
+        Args:
+            t_ns: Its instant.
+            x: (9,) state.
+            p: (9, 9) covariance.
+        """
         self._t_ns[:] = np.iinfo(np.int64).min
         self._last, self._count = 0, 1
         self._t_ns[0], self._states[0], self._covariances[0] = t_ns, x, p
 
     def push(self, t_ns: int, inputs: tuple[float, ...]) -> FloatArray:
-        """Add a period; its row (11,) in the ring, of which ``inputs`` fill what comes first.
+        """Add a period; ``keep`` then adds the belief after it.
 
-        The belief that it led to is ``keep``'s to add.
+        Args:
+            t_ns: Its instant, later than the last one.
+            inputs: The first of the period's ``INPUTS`` values; see ``ekf_model``.
+
+        Returns:
+            (11,) its row in the buffer, a view. The filter writes there what it refused.
         """
         self._last = (self._last + 1) % len(self._t_ns)
         self._count = min(self._count + 1, len(self._t_ns))
@@ -42,11 +58,23 @@ class History:
         return row
 
     def keep(self, x: FloatArray, p: FloatArray) -> None:
-        """The belief after the period that was pushed last."""
+        """Keep the belief after the period that was pushed last.
+
+        Args:
+            x: (9,) state.
+            p: (9, 9) covariance.
+        """
         self._states[self._last], self._covariances[self._last] = x, p
 
     def find(self, t_ns: int) -> int | None:
-        """The row of the last period at or before an instant; None where that is forgotten."""
+        """Return the row of the last period at or before an instant.
+
+        Args:
+            t_ns: The instant.
+
+        Returns:
+            A row for ``belief`` and ``rewrite``; None if that period is forgotten.
+        """
         for back in range(self._count):
             row = (self._last - back) % len(self._t_ns)
             if self._t_ns[row] <= t_ns:
@@ -54,7 +82,14 @@ class History:
         return None
 
     def belief(self, row: int) -> tuple[FloatArray, FloatArray]:
-        """State (9,) and covariance (9, 9) of a row, as copies."""
+        """Return a kept belief.
+
+        Args:
+            row: From ``find``.
+
+        Returns:
+            State (9,) and covariance (9, 9), as copies.
+        """
         return self._states[row].copy(), self._covariances[row].copy()
 
     def rewrite(
@@ -66,7 +101,19 @@ class History:
         gauge_m: float,
         gates: FloatArray,
     ) -> tuple[FloatArray, FloatArray]:
-        """Put another belief into a row; the one of now that follows from all inputs since."""
+        """Replace a kept belief, and filter all inputs since then again.
+
+        Args:
+            row: From ``find``.
+            x: (9,) its new state.
+            p: (9, 9) its new covariance.
+            walk: (7,) process noise densities; see ``ekf_model.motion_noise``.
+            gauge_m: Nominal distance of the tracks, m.
+            gates: (3,) see ``ekf_model.gate_wheels``.
+
+        Returns:
+            State (9,) and covariance (9, 9) now.
+        """
         self._states[row], self._covariances[row] = x, p
         count = (self._last - row) % len(self._t_ns)
         if count == 0:

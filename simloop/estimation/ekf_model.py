@@ -1,16 +1,24 @@
-"""The filter's models of a skid-steered, tracked robot, and one whole period of it, compiled.
+"""The filter's models of a skid-steered, tracked robot, and one whole control period, compiled.
 
-State, in this order: x, y, yaw of base_link in map; forward speed v; yaw rate w; gyro bias b; and
-the tracks' instantaneous centres of rotation (Martinez & Mandow 2005), estimated online as
-Pentzer, Brennan & Reichard (2014) do. A track that turns must slip sideways: the robot turns as if
-its gauge were k = 1 / chi times as wide, about a point that need not lie in its middle:
+The state (9,) is, in this order:
 
-    y_l, y_r = c +- k B / 2     of the left and the right track's centre; k gauge ratio, c offset
-    x_v                         of the vehicle's own centre: v_y = -x_v w
+    x, y, yaw    base_link in map, m and rad
+    v            forward speed, m/s
+    w            yaw rate, rad/s
+    b            gyro bias, rad/s
+    k, c, x_v    the tracks' instantaneous centres of rotation: gauge ratio, offset, m, and
+                 longitudinal place, m (Martinez & Mandow 2005)
 
-k and c are seen by the wheels against gyro and LiDAR, x_v by the LiDAR alone, all of them only
-while the robot turns. What they change with is the ground, so their walk is one over the way that
-the belts have come, not over time: who stands forgets nothing.
+A tracked robot can only turn if its tracks slip sideways. It turns as if its gauge B were k times
+as wide, about a point that need not lie in its middle:
+
+    y_l, y_r = c +- k B / 2     lateral place of the left and the right track's centre of rotation
+    v_y = -x_v w                lateral speed, with the vehicle's own centre x_v to the front
+
+The centres are estimated online as by Pentzer, Brennan & Reichard (2014). k and c show in the
+wheels against gyro and LiDAR, x_v in the LiDAR alone, all of them only while the robot turns. They
+change with the ground, so they walk with the way of the belts and not with time: a robot that
+stands forgets nothing.
 
     predict   v' = a_x (accelerometer), w' = b' = k' = c' = x_v' = noise,
               x' = v cos yaw + x_v w sin yaw, y' = v sin yaw - x_v w cos yaw
@@ -32,9 +40,9 @@ from simloop.messages import FloatArray
 X, Y, YAW, SPEED, RATE, BIAS, GAUGE, OFFSET, ICR_X = range(9)
 STATES = 9
 SLIPPING_VAR = 100.0  # (m/s)^2, of belts that slip: all but ignored
-_BELTS_M = 0.2  # m of belt a radian on the spot
+_BELTS_M = 0.2  # way of a belt for a turn on the spot, m/rad
 
-# A period's inputs, one row: what went in, and which of the wheels was refused.
+# Columns of a period's inputs: readings and their variances, and which of the belts was refused.
 INPUTS = 11
 ACCEL, DT, LEFT, RIGHT, GYRO, LEFT_VAR, RIGHT_VAR = range(7)
 GYRO_VAR, SHOVE_VAR, NO_LEFT, NO_RIGHT = range(7, INPUTS)
@@ -42,7 +50,16 @@ GYRO_VAR, SHOVE_VAR, NO_LEFT, NO_RIGHT = range(7, INPUTS)
 
 @njit(cache=True)
 def motion(x: FloatArray, accel: float, dt: float) -> FloatArray:
-    """The state (9,) one period dt, s, later under forward acceleration ``accel``, m/s^2."""
+    """Predict the state over one period, with the heading of its middle.
+
+    Args:
+        x: (9,) state.
+        accel: Forward acceleration, m/s^2.
+        dt: The period, s.
+
+    Returns:
+        (9,) state at its end.
+    """
     out = x.copy()
     speed, yaw = x[SPEED] + 0.5 * accel * dt, x[YAW] + 0.5 * x[RATE] * dt
     aside = -x[ICR_X] * x[RATE]
@@ -56,7 +73,16 @@ def motion(x: FloatArray, accel: float, dt: float) -> FloatArray:
 
 @njit(cache=True)
 def motion_jacobian(x: FloatArray, accel: float, dt: float) -> FloatArray:
-    """(9, 9) d motion / d x."""
+    """Return the derivative of ``motion`` with respect to the state.
+
+    Args:
+        x: (9,) state.
+        accel: Forward acceleration, m/s^2.
+        dt: The period, s.
+
+    Returns:
+        (9, 9).
+    """
     jacobian = np.eye(STATES)
     speed, yaw = x[SPEED] + 0.5 * accel * dt, x[YAW] + 0.5 * x[RATE] * dt
     aside = -x[ICR_X] * x[RATE]
@@ -73,11 +99,18 @@ def motion_jacobian(x: FloatArray, accel: float, dt: float) -> FloatArray:
 
 @njit(cache=True)
 def motion_noise(x: FloatArray, dt: float, walk: FloatArray, shove_var: float) -> FloatArray:
-    """(9, 9) process noise of one period.
+    """Return the process noise of one period.
 
-    walk: (7,) densities of speed, yaw rate, sideways, b, k, c, x_v, the last three per root metre
-    of belt. A track slips sideways only as the robot turns, so that noise scales with the yaw rate;
-    shove_var: m^2 a second of a body that something pushes, any way.
+    Args:
+        x: (9,) state.
+        dt: The period, s.
+        walk: (7,) densities of the random walks: speed, m/s^1.5, yaw rate, rad/s^1.5, lateral
+            slip, m per root second and rad/s of yaw rate (tracks slip sideways only in turns),
+            b, rad/s^1.5, and k, c, x_v per root metre of belt.
+        shove_var: Noise of the position of a robot that something pushes, m^2/s each way.
+
+    Returns:
+        (9, 9) covariance.
     """
     noise = np.zeros((STATES, STATES))
     cos, sin = math.cos(x[YAW]), math.sin(x[YAW])
@@ -103,13 +136,31 @@ def motion_noise(x: FloatArray, dt: float, walk: FloatArray, shove_var: float) -
 
 @njit(cache=True)
 def wheel_speed(x: FloatArray, gauge: float, side: float) -> float:
-    """m/s expected of a belt; side: +1 left, -1 right."""
+    """Return the speed that is expected of a belt.
+
+    Args:
+        x: (9,) state.
+        gauge: Nominal distance of the tracks, m.
+        side: +1 left, -1 right.
+
+    Returns:
+        m/s.
+    """
     return x[SPEED] - (x[OFFSET] + side * 0.5 * gauge * x[GAUGE]) * x[RATE]
 
 
 @njit(cache=True)
 def wheel_jacobian(x: FloatArray, gauge: float, side: float) -> FloatArray:
-    """(9,) d wheel_speed / d x."""
+    """Return the derivative of ``wheel_speed`` with respect to the state.
+
+    Args:
+        x: (9,) state.
+        gauge: Nominal distance of the tracks, m.
+        side: +1 left, -1 right.
+
+    Returns:
+        (9,).
+    """
     row = np.zeros(STATES)
     row[SPEED] = 1.0
     row[RATE] = -(x[OFFSET] + side * 0.5 * gauge * x[GAUGE])
@@ -119,19 +170,31 @@ def wheel_jacobian(x: FloatArray, gauge: float, side: float) -> FloatArray:
 
 @njit(cache=True)
 def gyro_jacobian() -> FloatArray:
-    """(9,) of a gyro's reading, w + b, by x."""
+    """Return the derivative of a gyro's reading, w + b, with respect to the state.
+
+    Returns:
+        (9,).
+    """
     row = np.zeros(STATES)
     row[RATE] = row[BIAS] = 1.0
     return row
 
 
-# Plain loops: for matrices as small as these BLAS costs more in calls and buffers than in sums,
-# and in the loop, where it finds its code out of the cache each time, several times as much.
+# Plain loops: for matrices this small a call of BLAS costs more than the sums, and several times
+# more in the control loop, where its code has left the cache each time.
 
 
 @njit(cache=True)
 def with_pose_error(covariance: FloatArray, error: FloatArray) -> FloatArray:
-    """covariance (9, 9) with an independent error of the pose, (3, 3), on top; a new array."""
+    """Add an independent error of the pose to a covariance.
+
+    Args:
+        covariance: (9, 9) of the state.
+        error: (3, 3) of x, y, yaw.
+
+    Returns:
+        (9, 9), a new array.
+    """
     out = covariance.copy()
     for i in range(3):
         for j in range(3):
@@ -143,9 +206,16 @@ def with_pose_error(covariance: FloatArray, error: FloatArray) -> FloatArray:
 def correct_scalar(
     x: FloatArray, p: FloatArray, row: FloatArray, residual: float, variance: float
 ) -> None:
-    """Correct x (9,) and p (9, 9), in place, with one figure whose Jacobian is ``row`` (9,).
+    """Correct a belief with one scalar measurement, in place.
 
     Joseph's form, (I - K h) P (I - K h)^T + K R K^T, a row at a time.
+
+    Args:
+        x: (9,) state, changed.
+        p: (9, 9) covariance, changed.
+        row: (9,) the measurement's Jacobian h.
+        residual: Measured less expected.
+        variance: Of the measurement.
     """
     ph = times(p, row)
     gain = ph / (dot(row, ph) + variance)
@@ -163,12 +233,19 @@ def correct_scalar(
 def gate_wheels(
     x: FloatArray, p: FloatArray, inputs: FloatArray, gauge: float, gates: FloatArray
 ) -> None:
-    """Mark in a period's inputs which belts do not go with the belief: they slip, or are stuck.
+    """Mark in a period's inputs which belts contradict the belief: they slip, or are stuck.
 
-    gates: (3,) squared Mahalanobis distances that one and two belts may have, and (m/s)^2 by which
-    one reading alone errs more than several that follow one another. Where both together
-    are too far off, the worse is left out; the other too, unless it goes well with the belief by
-    itself: tracks that start with a jerk both slip, and half of that told would be a wrong speed.
+    If both together are too far off, the worse one is refused. The other one is refused too unless
+    it fits the belief well by itself: tracks that start with a jerk both slip, and one of them
+    alone would tell a wrong speed.
+
+    Args:
+        x: (9,) predicted state.
+        p: (9, 9) its covariance.
+        inputs: (11,) the period's inputs; ``NO_LEFT`` and ``NO_RIGHT`` are written.
+        gauge: Nominal distance of the tracks, m.
+        gates: (3,) squared Mahalanobis distances that one belt alone and both together may have,
+            and the variance, (m/s)^2, by which a single count errs more than the mean of several.
     """
     left, right = wheel_jacobian(x, gauge, 1.0), wheel_jacobian(x, gauge, -1.0)
     by_left, by_right = times(p, left), times(p, right)
@@ -195,25 +272,38 @@ def predict_and_correct(
     gauge: float,
     gates: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """State (9,) and covariance (9, 9) one period later, corrected with gyro and wheels.
+    """Predict a belief over one period and correct it with gyro and wheels.
 
-    The equations of filterpy's ``predict`` and of its ``update``, first with the gyro, then with
-    each belt that passes its gate; one figure at a time, so that nothing need be inverted. inputs:
-    (11,) of the period, in which the gates note what they refused. What has not come has a
-    variance that is all but infinite.
+    These are the equations of filterpy's ``predict`` and ``update``, first with the gyro, then with
+    each belt that passes its gate. One scalar at a time, so that nothing has to be inverted.
+
+    Args:
+        x: (9,) state.
+        covariance: (9, 9).
+        inputs: (11,) the period's inputs, in which the gates write what they refused. A reading
+            that has not come has a nearly infinite variance.
+        walk: (7,) see ``motion_noise``.
+        gauge: Nominal distance of the tracks, m.
+        gates: (3,) see ``gate_wheels``.
+
+    Returns:
+        State (9,) and covariance (9, 9) at the period's end, as new arrays.
     """
     dt, accel = inputs[DT], inputs[ACCEL]
     p = sandwich(motion_jacobian(x, accel, dt), covariance)
     p += motion_noise(x, dt, walk, inputs[SHOVE_VAR])
     x = motion(x, accel, dt)
+    # The gyro first: with the yaw rate known, the gate of the belts is sharper.
     correct_scalar(x, p, gyro_jacobian(), inputs[GYRO] - x[RATE] - x[BIAS], inputs[GYRO_VAR])
     gate_wheels(x, p, inputs, gauge, gates)
     for belt in range(2):
         side = 1.0 - 2.0 * belt
+        # A refused belt still corrects, by next to nothing: the arithmetic stays the same.
         variance = SLIPPING_VAR if inputs[NO_LEFT + belt] else inputs[LEFT_VAR + belt]
         residual = inputs[LEFT + belt] - wheel_speed(x, gauge, side)
         correct_scalar(x, p, wheel_jacobian(x, gauge, side), residual, variance)
     x[YAW] = wrap_angle(x[YAW])
+    # Rounding makes a covariance unsymmetric a little at a time.
     for i in range(STATES):
         for j in range(i):
             p[i, j] = p[j, i] = 0.5 * (p[i, j] + p[j, i])
@@ -231,9 +321,20 @@ def replay(
     gauge: float,
     gates: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Run ``count`` periods on from row ``first`` of the rings (n, 9), (n, 9, 9), (n, 11).
+    """Filter a part of a ring buffer again; the beliefs in it are overwritten.
 
-    The beliefs in the rows after it are written anew; the last one is returned, as new arrays.
+    Args:
+        states: (n, 9) the ring of states.
+        covariances: (n, 9, 9) the ring of covariances.
+        inputs: (n, 11) the ring of inputs.
+        first: Row of the belief to start from.
+        count: How many periods follow it.
+        walk: (7,) see ``motion_noise``.
+        gauge: Nominal distance of the tracks, m.
+        gates: (3,) see ``gate_wheels``.
+
+    Returns:
+        The last state (9,) and covariance (9, 9).
     """
     x, p, n = states[first].copy(), covariances[first].copy(), states.shape[0]
     for step in range(1, count + 1):

@@ -1,35 +1,45 @@
-"""How far the robot has come between two scans, as each of its senses tells it, and who is alone.
+"""Compare the motion between two scans as LiDAR, wheels and IMU measured it, and find the outlier.
 
-LiDAR, wheels, and gyro with accelerometer are three independent voices. Where a fix does not go
-with the belief, two that agree say which of the three is wrong: a gyro whose bias has jumped, belts
-that slip or a body that was pushed, or a scan that fits a place where the robot cannot be.
+The three measurements are independent. When a LiDAR fix contradicts the belief, two sensors that
+agree tell which one is wrong:
+
+    LiDAR and wheels agree, gyro does not    the gyro's bias has jumped
+    LiDAR and IMU agree, wheels do not       the belts slip, or something pushed the robot
+    LiDAR agrees with neither                the scan was matched to the wrong place
 """
 
 from __future__ import annotations
 
 import math
+from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from simloop.geometry.se2 import between, wrap_angle
 from simloop.messages import FloatArray
 
-ACCEL_X, ACCEL_Y, GYRO, DT = 6, 7, 8, 9  # columns of a trail, after odom's and the wheels' poses
-SPEED, ASIDE, BELTS = 10, 11, 12
-_COLUMNS = 13
-_YAW_RAD = 0.004  # more than noise and quantisation make of a few tenths of a second
+# Columns of an odometry history: 0-2 the odom pose, 3-5 the wheel odometry's pose, and these.
+ACCEL_X, ACCEL_Y, GYRO, DT, SPEED, LATERAL_SPEED, BELTS_OK = range(6, 13)
+COLUMNS = 13
+
+_YAW_RAD = 0.004  # above what noise and quantisation make of a few tenths of a second
 _XY_M = 0.02
-_ACCEL_MPS2 = 0.15  # what an accelerometer's bias, tilt and the belief's speed make together
+_ACCEL_MPS2 = 0.15  # bias and tilt of the accelerometer, and the error of the believed speed
 
 
 class Preintegrated(NamedTuple):
-    """What an IMU tells of the time between two instants, in the body's frame at the first.
+    """The motion that an IMU measured between two instants, in the body frame at the first.
 
-    yaw, rad; velocity, m/s, and position, m, (2,), that its accelerations added; duration, s.
-    by_bias: (5,) derivatives of yaw, velocity and position by the gyro's bias (Forster et al.
-    2017, in the plane): another bias needs no second integration.
+    Attributes:
+        yaw: Heading change, rad.
+        velocity: (2,) m/s, the velocity that the accelerations added.
+        position: (2,) m, the displacement that the accelerations added.
+        duration: Time between the instants, s.
+        by_bias: (5,) derivatives of yaw, velocity and position with respect to the gyro bias, so
+            that another bias needs no second integration.
     """
 
     yaw: float
@@ -41,15 +51,26 @@ class Preintegrated(NamedTuple):
 
 @njit(cache=True)
 def preintegrate(rows: FloatArray, bias: float) -> Preintegrated:
-    """rows: (n, 4) of a trail, acceleration ahead and aside, m/s^2, gyro, rad/s, and period, s."""
+    """Integrate IMU readings in the plane (Forster et al. 2017, Sec. VI, reduced to SE(2)).
+
+    Args:
+        rows: (n, 4) forward and lateral acceleration, m/s^2, yaw rate, rad/s, and period, s.
+        bias: Gyro bias, rad/s, subtracted from the yaw rate.
+
+    Returns:
+        The motion over all rows, with its derivatives with respect to the bias.
+    """
     yaw = duration = 0.0
     velocity, position, by_bias = np.zeros(2), np.zeros(2), np.zeros(5)
     for i in range(rows.shape[0]):
         ax, ay, rate, dt = rows[i, 0], rows[i, 1], rows[i, 2] - bias, rows[i, 3]
+        # The heading in the middle of the period turns the acceleration into the first frame.
         cos, sin = math.cos(yaw + 0.5 * rate * dt), math.sin(yaw + 0.5 * rate * dt)
         a = np.array([cos * ax - sin * ay, sin * ax + cos * ay])
+        # d(heading) / d(bias) there, and with it d(a) / d(bias).
         turning = by_bias[0] - 0.5 * dt
         a_by_bias = np.array([-a[1] * turning, a[0] * turning])
+        # Position before velocity before yaw: each uses the others' values of the period's start.
         position += velocity * dt + 0.5 * a * dt * dt
         by_bias[3:] += by_bias[1:3] * dt + 0.5 * a_by_bias * dt * dt
         velocity += a * dt
@@ -60,16 +81,31 @@ def preintegrate(rows: FloatArray, bias: float) -> Preintegrated:
     return Preintegrated(yaw, velocity, position, duration, by_bias)
 
 
-class Trail:
-    """The last periods, in order and in one piece: see the columns above; ``room`` at least."""
+class OdometryHistory:
+    """The odometry and IMU readings of the last control periods, in order.
 
-    def __init__(self, room: int) -> None:
-        self._room, self._end = room, 0
-        self.last_ns = 0  # the last period's instant; 0 before the first
-        self._t_ns, self._rows = np.zeros(2 * room, np.int64), np.zeros((2 * room, _COLUMNS))
+    The rows lie in one piece of memory, so that a span of them is a slice.
+
+    Attributes:
+        last_ns: Stamp of the last period; 0 before the first.
+    """
+
+    def __init__(self, least_rows: int) -> None:
+        """Make an empty history that keeps at least ``least_rows`` periods."""
+        self._room, self._end = least_rows, 0
+        self.last_ns = 0
+        self._t_ns = np.zeros(2 * least_rows, np.int64)
+        self._rows = np.zeros((2 * least_rows, COLUMNS))
 
     def push(self, t_ns: int) -> FloatArray:
-        """Add a period; its row (13,), to be filled in."""
+        """Add a period.
+
+        Args:
+            t_ns: Its stamp, later than the last one.
+
+        Returns:
+            Its row (13,), a view for the caller to fill in; see the columns above.
+        """
         if self._end == len(self._t_ns):
             self._t_ns[: self._room] = self._t_ns[self._room :]
             self._rows[: self._room] = self._rows[self._room :]
@@ -79,49 +115,99 @@ class Trail:
         self._end += 1
         return row
 
-    def odom(self, since_ns: int, until_ns: int) -> tuple[np.ndarray, FloatArray]:
-        """Instants (k,) and odom's poses (k, 3) from the last at or before ``since_ns`` on."""
+    def odom_poses(self, since_ns: int, until_ns: int) -> tuple[NDArray[np.int64], FloatArray]:
+        """Return the odom poses over a span of time, as copies.
+
+        Args:
+            since_ns: Start; the last period at or before it is included.
+            until_ns: End, inclusive.
+
+        Returns:
+            Stamps (k,), rising, and odom_from_base (k, 3).
+        """
         first = max(0, self._at(since_ns))
         last = max(first, self._at(until_ns))
         return self._t_ns[first : last + 1].copy(), self._rows[first : last + 1, :3].copy()
 
-    def odom_between(self, since_ns: int, until_ns: int) -> FloatArray:
-        """(3,) how odom moved from one instant to another."""
+    def odom_motion(self, since_ns: int, until_ns: int) -> FloatArray:
+        """Return how odom moved between two instants.
+
+        Args:
+            since_ns: The first instant.
+            until_ns: The second instant.
+
+        Returns:
+            (3,) x, y, m, and yaw, rad, in base_link at the first instant.
+        """
         first, last = max(0, self._at(since_ns)), max(0, self._at(until_ns))
         return between(self._rows[first, :3], self._rows[last, :3])
 
-    def voices(self, since_ns: int, until_ns: int, bias: float) -> Voices | None:
-        """What wheels and IMU say of the motion between two instants; None: it is forgotten."""
+    def votes(self, since_ns: int, until_ns: int, bias: float) -> MotionVotes | None:
+        """Return the motion between two instants as wheels and IMU measured it.
+
+        Args:
+            since_ns: The first instant.
+            until_ns: The second instant.
+            bias: Gyro bias at the first instant, rad/s.
+
+        Returns:
+            Both measurements; None if the history does not reach back to the first instant, or
+            holds no period between the two.
+        """
         first, last = self._at(since_ns), self._at(until_ns)
         if first < 0 or last <= first:
             return None
         rows = self._rows[first : last + 1]
         imu = preintegrate(np.ascontiguousarray(rows[1:, ACCEL_X : DT + 1]), bias)
-        start = rows[0, [SPEED, ASIDE]] * imu.duration
-        wheels = between(rows[0, 3:6], rows[-1, 3:6]) if rows[1:, BELTS].all() else None
-        felt = np.array([*(start + imu.position), imu.yaw])
-        return Voices(wheels, felt, imu.duration)
+        # An IMU measures changes of velocity only: the first velocity is the filter's.
+        start = rows[0, [SPEED, LATERAL_SPEED]] * imu.duration
+        wheels = between(rows[0, 3:6], rows[-1, 3:6]) if rows[1:, BELTS_OK].all() else None
+        return MotionVotes(wheels, np.array([*(start + imu.position), imu.yaw]), imu.duration)
 
     def _at(self, t_ns: int) -> int:
         """The last row at or before an instant; -1: none."""
         return int(self._t_ns[: self._end].searchsorted(t_ns, side="right")) - 1
 
 
-class Voices(NamedTuple):
-    """(3,) m, m, rad that wheels (None: not to be heard) and IMU tell, and over how long, s."""
+class Outlier(StrEnum):
+    """The sensor that the two others contradict."""
+
+    GYRO = "gyro"
+    WHEELS = "wheels"
+    LIDAR = "lidar"
+
+
+class MotionVotes(NamedTuple):
+    """One motion of the robot as wheels and IMU measured it, in base_link at its start.
+
+    Attributes:
+        wheels: (3,) x, y, m, and yaw, rad; None if a belt slipped or was not heard.
+        imu: (3,) x, y, m, and yaw, rad.
+        duration: s.
+    """
 
     wheels: FloatArray | None
     imu: FloatArray
     duration: float
 
-    def against(self, lidar: FloatArray) -> str:
-        """Who is alone, if the LiDAR says (3,): ``gyro``, ``wheels``, or ``lidar``."""
+    def outlier(self, lidar: FloatArray) -> Outlier:
+        """Return which of the three sensors the two others contradict.
+
+        Args:
+            lidar: (3,) x, y, m, and yaw, rad: the same motion as two LiDAR fixes give it.
+
+        Returns:
+            The sensor that is wrong. It is the LiDAR where it agrees with neither of the others.
+        """
         off = abs(wrap_angle(lidar[2] - self.imu[2]))
         if off > _YAW_RAD:
             if self.wheels is None:
-                return "lidar"
+                return Outlier.LIDAR
             by_wheels = abs(wrap_angle(lidar[2] - self.wheels[2]))
             apart = math.dist(lidar[:2], self.wheels[:2])
-            return "gyro" if by_wheels < 0.5 * off and apart < 2.0 * _XY_M else "lidar"
+            agree = by_wheels < 0.5 * off and apart < 2.0 * _XY_M
+            return Outlier.GYRO if agree else Outlier.LIDAR
+        # An acceleration's error grows into the position with half the squared time.
         slack = _XY_M + _ACCEL_MPS2 * self.duration * max(0.1, 0.5 * self.duration)
-        return "wheels" if math.dist(lidar[:2], self.imu[:2]) < slack else "lidar"
+        agree = math.dist(lidar[:2], self.imu[:2]) < slack
+        return Outlier.WHEELS if agree else Outlier.LIDAR

@@ -7,9 +7,11 @@ metres together: a single scan, of a corridor or a corner, fits in many places.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
+from simloop.estimation.relocalise import Place, best_place
 from simloop.geometry.se2 import between
 from simloop.graph_slam.closures import cluster_of
 from simloop.graph_slam.scan_tracker import ScanTracker
@@ -137,35 +139,49 @@ def _apart(a: FloatArray, b: FloatArray, config: MappingConfig) -> bool:
 
 
 def relocalise(grid: GridMap, points: FloatArray, config: MappingConfig) -> FloatArray | None:
-    """(3,) the one pose of all in the map at which points (n, 2) fit, or None: nowhere, or several.
+    """Find points in the whole map.
 
-    Exact: no pose on the search's raster is passed over that could fit better (branch and bound).
-    All that come near the best are weighed by what stands where the map has free space.
+    No pose on the search's raster is passed over that could fit better (branch and bound). All that
+    come near the best score are weighed by how many points stand where the map has free space.
+
+    Args:
+        grid: The map.
+        points: (n, 2) in base_link, m, of one scan or of several put together.
+        config: The mapper's settings.
+
+    Returns:
+        (3,) x, y, yaw of base_link in map, of the one place where they fit; None if they fit
+        nowhere, or at several places.
     """
-    rows, cols = grid.log_odds.shape
     if not grid.occupied.any() or len(points) < 0.1 * config.cluster_points:
         return None
+    places = []
+    for candidate in _candidates(grid, points, config):
+        pose, _, share, residual = grid.refine(points, candidate)
+        agreement, overlap = meetings(grid, points, pose)
+        fits = share >= config.least_share and residual <= config.grid.most_residual
+        cost = 1.0 - agreement
+        believable = overlap >= config.least_overlap and cost <= 1.0 - config.agreement
+        places.append(Place(cost, fits and believable, pose))
+    if len(places) > _MOST_RIVALS:
+        return None
+    return best_place(places, lambda best, other: other.cost >= 2.0 * best.cost + _CLEARLY)
+
+
+def _candidates(grid: GridMap, points: FloatArray, config: MappingConfig) -> Iterator[FloatArray]:
+    """The poses (3,) whose score comes near the best one, best first, all well apart."""
+    rows, cols = grid.log_odds.shape
     centre = grid.origin_m + 0.5 * grid.resolution_m * np.array([cols, rows])
     reach = 0.5 * grid.resolution_m * max(rows, cols)
     prior, window = np.array([*centre, 0.0]), np.array([reach, math.pi])
     few = np.ascontiguousarray(points[:: max(1, len(points) // _COARSE_POINTS)])
-    places = np.empty((0, 5))
+    excluded = np.empty((0, 5))
     least = config.closure_least_score
-    found: list[tuple[float, bool, FloatArray]] = []
-    while len(found) <= _MOST_RIVALS:
-        place, score = grid.search(few, prior, window, _NO_WEIGHTS, least, places)
+    while len(excluded) <= _MOST_RIVALS:
+        place, score = grid.search(few, prior, window, _NO_WEIGHTS, least, excluded)
         if score < 0.0:
-            break
-        if not found:
+            return
+        if not len(excluded):
             least = max(least, config.rival_score * score)
-        places = np.vstack([places, [*place, _RIVAL_M, _RIVAL_RAD]])
-        pose, _, share, residual = grid.refine(points, place)
-        agreement, overlap = meetings(grid, points, pose)
-        fits = share >= config.least_share and residual <= config.grid.most_residual
-        found.append((1.0 - agreement, fits and overlap >= config.least_overlap, pose))
-    found.sort(key=lambda one: one[0])
-    if not found or len(found) > _MOST_RIVALS:
-        return None
-    conflict, fits, pose = found[0]
-    alone = len(found) == 1 or found[1][0] >= 2.0 * conflict + _CLEARLY
-    return pose if fits and alone and conflict <= 1.0 - config.agreement else None
+        excluded = np.vstack([excluded, [*place, _RIVAL_M, _RIVAL_RAD]])
+        yield place

@@ -1,1 +1,1 @@
-"""Mapping over long ways: submaps, keyframes, loop closures and the graph that joins them."""
+"""The robot's map: an occupancy grid, the matching of scans to it, and map files."""

@@ -1,17 +1,17 @@
-"""Correlative scan matching: the best of all poses in a window, found by branch and bound.
+"""Correlative scan matching: find the best of all poses in a window by branch and bound.
 
 After Olson 2009 ("Real-time correlative scan matching") and Hess et al. 2016 ("Real-time loop
 closure in 2D LIDAR SLAM"). A field holds how likely a hit is in each cell. Two coarser fields hold
-its maxima over blocks of 4 x 4 and of 16 x 16 cells, so that a coarse sum bounds every fine one
-under it: whole blocks of translations are passed over with one sum, and nothing is lost.
+its maxima over blocks of 4 x 4 and of 16 x 16 cells. A coarse sum bounds every fine sum under it,
+so whole blocks of translations are skipped with one sum and the result is still exact.
 
-All three are kept up as surfaces come into the map, not made anew: a new surface raises a few
-cells.
+All three fields are updated as surfaces come into the map: a new surface raises a few cells.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -27,14 +27,39 @@ _REACH = 3  # cells about a surface in which a hit is likely at all
 Field = NDArray[np.uint8]
 
 
+class SearchFields(NamedTuple):
+    """The likelihood of a hit, at three resolutions; see ``raise_field``.
+
+    Attributes:
+        fine: (rows, cols) likelihood of each cell, 0 to 255.
+        mid: (rows / 4, cols / 4) its maxima.
+        top: (rows / 16, cols / 16) its maxima.
+        corner: (2,) lower left corner of the first cell, m.
+        resolution: Side of a cell of ``fine``, m.
+    """
+
+    fine: Field
+    mid: Field
+    top: Field
+    corner: FloatArray
+    resolution: float
+
+
 @njit(cache=True)
 def raise_field(
     places: FloatArray, x0: float, y0: float, resolution: float, fine: Field, mid: Field, top: Field
 ) -> None:
-    """Enter surfaces (k, 2), m: a Gaussian of one cell about each, 255 at its middle.
+    """Enter surfaces in the fields: a Gaussian of one cell about each, 255 at its middle.
 
-    fine: (rows, cols); mid, top: (rows / 4, cols / 4), (rows / 16, cols / 16), of which [i, j] is
-    the maximum of fine over rows [b i, b i + 2 b), with b the block's side, and columns alike.
+    Args:
+        places: (k, 2) the surfaces, m.
+        x0: x of the fields' lower left corner, m.
+        y0: y of it, m.
+        resolution: Side of a cell of ``fine``, m.
+        fine: (rows, cols), changed in place.
+        mid: (rows / 4, cols / 4), changed in place: [i, j] is the maximum of ``fine`` over rows
+            [4 i, 4 i + 8) and columns alike. Two blocks, so that it bounds a shift within one.
+        top: (rows / 16, cols / 16), the same with blocks of 16.
     """
     rows, cols = fine.shape
     for k in range(places.shape[0]):
@@ -82,83 +107,137 @@ def search(
     prior: FloatArray,
     window: FloatArray,
     weights: FloatArray,
-    fine: Field,
-    mid: Field,
-    top: Field,
-    corner: FloatArray,
-    resolution: float,
+    fields: SearchFields,
     yaw_step: float,
     least: float,
-    but: FloatArray,
+    excluded: FloatArray,
 ) -> tuple[FloatArray, float]:
-    """Best pose (3,) within ``window`` (2,), m, rad, about ``prior`` (3,), and its score.
+    """Return the best pose in a window about a prior.
 
-    points: (n, 2) in the frame of the pose. The score is the mean likelihood of a hit, 0 to 1, less
-    ``weights[0] d^2 + weights[1] dyaw^2`` of the way from the prior: where many poses fit alike, as
-    along a corridor, the nearest is taken. Poses nearer than ``but`` (k, 5) x, y, yaw, m, rad to
-    one of k places are left out. Below ``least`` nothing is found: the
-    score is then -1. corner: (2,) of the grid.
+    The score is the mean likelihood of a hit, 0 to 1, less ``weights[0] d^2 + weights[1] dyaw^2``
+    of the way from the prior: where many poses fit alike, as along a corridor, the nearest wins.
+    Translations step by cells, so they are exact to half of one.
 
-    Translations step by cells, exact to half of one; yaw by ``yaw_step``.
+    Args:
+        points: (n, 2) hits in the frame of the pose, m.
+        prior: (3,) x, y, yaw, the window's middle.
+        window: (2,) half its size, m and rad.
+        weights: (2,) 1/m^2 and 1/rad^2.
+        fields: What the map holds.
+        yaw_step: Step of the headings, rad.
+        least: Score that the pose must exceed.
+        excluded: (k, 5) x, y, yaw, m, rad: poses nearer than that to one of them are left out.
+
+    Returns:
+        Pose (3,), and its score; the prior and -1 if no pose scores more than ``least``.
     """
-    n = points.shape[0]
-    half = math.ceil(window[0] / resolution)
+    half = math.ceil(window[0] / fields.resolution)
     turns = math.ceil(window[1] / yaw_step)
-    count = 2 * turns + 1
-    cells = np.empty((count, n, 2), np.int32)
+    cells = _turned_cells(points, prior, turns, yaw_step, fields)
+    bound = _bounds(cells, half, fields.top)
     blocks = (2 * half) // TOP + 1
-    bound = np.empty(count * blocks * blocks)
+    scale = 1.0 / (255.0 * max(1, points.shape[0]))
+    best, found, hit = least, prior.copy(), False
+    # The most promising blocks come first; once a bound is below the best score, so are the rest.
+    for o in np.argsort(-bound):
+        if bound[o] * scale <= best:
+            break
+        k, block = o // (blocks * blocks), o % (blocks * blocks)
+        dyaw = (k - turns) * yaw_step
+        if bound[o] * scale - weights[1] * dyaw * dyaw <= best:
+            continue
+        row, col = (block // blocks) * TOP - half, (block % blocks) * TOP - half
+        score = _search_block(
+            cells[k], row, col, half, prior, dyaw, weights, fields, excluded, best, found
+        )
+        if score > best:
+            best, hit = score, True
+    return found, best if hit else -1.0
+
+
+@njit(cache=True)
+def _turned_cells(
+    points: FloatArray, prior: FloatArray, turns: int, yaw_step: float, fields: SearchFields
+) -> NDArray[np.int32]:
+    """(2 turns + 1, n, 2) row and column of each point in each heading, at the prior's place."""
+    n, count = points.shape[0], 2 * turns + 1
+    cells = np.empty((count, n, 2), np.int32)
     for k in range(count):
         yaw = prior[2] + (k - turns) * yaw_step
         cos, sin = math.cos(yaw), math.sin(yaw)
         for i in range(n):
             px = prior[0] + cos * points[i, 0] - sin * points[i, 1]
             py = prior[1] + sin * points[i, 0] + cos * points[i, 1]
-            cells[k, i, 0] = math.floor((py - corner[1]) / resolution)
-            cells[k, i, 1] = math.floor((px - corner[0]) / resolution)
+            cells[k, i, 0] = math.floor((py - fields.corner[1]) / fields.resolution)
+            cells[k, i, 1] = math.floor((px - fields.corner[0]) / fields.resolution)
+    return cells
+
+
+@njit(cache=True)
+def _bounds(cells: NDArray[np.int32], half: int, top: Field) -> FloatArray:
+    """(headings x blocks x blocks,) no translation in a block has a greater sum."""
+    count, blocks = cells.shape[0], (2 * half) // TOP + 1
+    bound = np.empty(count * blocks * blocks)
+    for k in range(count):
         for a in range(blocks):
             for b in range(blocks):
                 bound[(k * blocks + a) * blocks + b] = _sum(
                     cells[k], a * TOP - half, b * TOP - half, TOP, top
                 )
-    scale = 1.0 / (255.0 * max(1, n))
-    best, found = least, prior.copy()
-    hit = False
-    order = np.argsort(-bound)
-    for o in order:
-        if bound[o] * scale <= best:
-            break
-        k, block = o // (blocks * blocks), o % (blocks * blocks)
-        dyaw = (k - turns) * yaw_step
-        turned = weights[1] * dyaw * dyaw
-        if bound[o] * scale - turned <= best:
-            continue
-        row0, col0 = (block // blocks) * TOP - half, (block % blocks) * TOP - half
-        for row1 in range(row0, min(row0 + TOP, half + 1), MID):
-            for col1 in range(col0, min(col0 + TOP, half + 1), MID):
-                if _sum(cells[k], row1, col1, MID, mid) * scale - turned <= best:
-                    continue
-                for row in range(row1, min(row1 + MID, half + 1)):
-                    for col in range(col1, min(col1 + MID, half + 1)):
-                        dx, dy = col * resolution, row * resolution
-                        way = turned + weights[0] * (dx * dx + dy * dy)
-                        if 1.0 - way <= best:
-                            continue
-                        x, y = prior[0] + dx, prior[1] + dy
-                        if _is_near(x, y, prior[2] + dyaw, but):
-                            continue
-                        score = _sum(cells[k], row, col, 1, fine) * scale - way
-                        if score > best:
-                            best, hit = score, True
-                            found[0], found[1] = x, y
-                            found[2] = wrap_angle(prior[2] + dyaw)
-    return found, best if hit else -1.0
+    return bound
+
+
+@njit(cache=True)
+def _search_block(
+    cells: NDArray[np.int32],
+    row0: int,
+    col0: int,
+    half: int,
+    prior: FloatArray,
+    dyaw: float,
+    weights: FloatArray,
+    fields: SearchFields,
+    excluded: FloatArray,
+    best: float,
+    found: FloatArray,
+) -> float:
+    """The best score in a block of translations, if above ``best``; its pose goes to ``found``."""
+    scale = 1.0 / (255.0 * max(1, cells.shape[0]))
+    turned = weights[1] * dyaw * dyaw
+    for row1 in range(row0, min(row0 + TOP, half + 1), MID):
+        for col1 in range(col0, min(col0 + TOP, half + 1), MID):
+            # The finer bound rules out most of the small blocks.
+            if _sum(cells, row1, col1, MID, fields.mid) * scale - turned <= best:
+                continue
+            for row in range(row1, min(row1 + MID, half + 1)):
+                for col in range(col1, min(col1 + MID, half + 1)):
+                    dx, dy = col * fields.resolution, row * fields.resolution
+                    way = turned + weights[0] * (dx * dx + dy * dy)
+                    if 1.0 - way <= best:
+                        continue
+                    x, y = prior[0] + dx, prior[1] + dy
+                    if _is_near(x, y, prior[2] + dyaw, excluded):
+                        continue
+                    score = _sum(cells, row, col, 1, fields.fine) * scale - way
+                    if score > best:
+                        best = score
+                        found[0], found[1], found[2] = x, y, wrap_angle(prior[2] + dyaw)
+    return best
 
 
 @njit(cache=True)
 def thinned(points: FloatArray, apart: float, most: int) -> FloatArray:
-    """Some of ``points`` (n, 2), in order, no two in a square of side ``apart``; about ``most``."""
-    seen = set()
+    """Return some of the points, spread evenly.
+
+    Args:
+        points: (n, 2) m.
+        apart: Side of a square in which one point at most is kept, m.
+        most: How many points are wanted at most.
+
+    Returns:
+        (k, 2) in their order.
+    """
+    seen = set()  # numba needs a first entry to know the type
     out, count = np.empty_like(points), 0
     seen.add((np.int64(2**40), np.int64(0)))
     for i in range(points.shape[0]):

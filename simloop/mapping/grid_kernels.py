@@ -3,12 +3,48 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from simloop.messages import FloatArray
+
+_SHORT_OF_HIT = 2.0  # cells before its hit at which a beam stops to vote cells free
+
+
+class GridLayers(NamedTuple):
+    """What the grid knows of each cell; all arrays are [iy, ix].
+
+    Attributes:
+        log_odds: (rows, cols) evidence that the cell is occupied; 0 is unknown.
+        hits: (rows, cols, 3) sums of x and y of its hits, m from the grid's lower left corner, and
+            their number.
+        stamp: (rows, cols) number of the last scan that touched the cell.
+        occupied: (rows, cols) whether ``log_odds`` is above the threshold.
+    """
+
+    log_odds: NDArray[np.float32]
+    hits: FloatArray
+    stamp: NDArray[np.int32]
+    occupied: NDArray[np.bool_]
+
+
+class Evidence(NamedTuple):
+    """How much one scan tells of a cell, in log-odds.
+
+    Attributes:
+        hit: Added where a beam ended.
+        miss: Taken away where a beam passed.
+        most: Bound of the log-odds, either way.
+        threshold: Above it a cell is occupied.
+    """
+
+    hit: float
+    miss: float
+    most: float
+    threshold: float
 
 
 @njit(cache=True)
@@ -17,103 +53,179 @@ def trace_scan(
     origins: FloatArray,
     through: NDArray[np.bool_],
     pose: FloatArray,
-    x0: float,
-    y0: float,
+    corner: tuple[float, float],
     resolution: float,
-    log_odds: NDArray[np.float32],
-    hits: FloatArray,
-    stamp: NDArray[np.int32],
-    occupied: NDArray[np.bool_],
+    layers: GridLayers,
     scan_number: int,
-    hit: float,
-    miss: float,
-    most: float,
-    threshold: float,
+    evidence: Evidence,
 ) -> tuple[FloatArray, float]:
     """Enter one scan: its hits, then the free cells that its beams crossed.
 
-    points, origins: (n, 2) in base_link at ``pose`` (3,) in map; through: (n,) beams that met
-    nothing where they end; (x0, y0): the grid's lower left corner. log_odds: (rows, cols); hits:
-    (rows, cols, 3) sums of x and y from (x0, y0), and count; stamp: (rows, cols) the last scan that
-    touched a cell; occupied: (rows, cols) log_odds above ``threshold``, kept so. A cell gets one
-    vote a scan, and one in which a beam ended is not voted free by the beams that only passed it.
-    What is voted free for good forgets its hits.
+    A cell gets one vote a scan. A cell in which a beam ended is not voted free by beams that only
+    passed it. A beam with an end in the grid's outermost cells or beyond, or that is not finite, is
+    left out, so that no index leaves the grid.
 
-    The free cells of a beam end two cells short of its own: the near half of the noise about a
-    wall must not be voted away, or the wall's hit mean would recede from whoever looks at it.
+    Args:
+        points: (n, 2) ends of the beams in base_link, m.
+        origins: (n, 2) their origins in base_link, m.
+        through: (n,) whether a beam met nothing where it ends.
+        pose: (3,) x, y, yaw of base_link in map.
+        corner: x, y of the grid's lower left corner in map, m.
+        resolution: Side of a cell, m.
+        layers: The grid, changed in place.
+        scan_number: Counts the scans, from 1.
+        evidence: Log-odds of a hit and of a miss.
 
-    Returns the surfaces, (k, 2) hit means in map, of the k cells that became occupied, and their
-    share of all cells in which a beam ended.
+    Returns:
+        The surfaces, (k, 2) hit means in map, m, of the k cells that became occupied, and their
+        share of all cells in which a beam ended.
     """
-    cos, sin = math.cos(pose[2]), math.sin(pose[2])
-    # Cells by one running number: a beam's step is an addition.
-    cols = log_odds.shape[1]
-    odds_of, stamp_of, occupied_of = log_odds.ravel(), stamp.ravel(), occupied.ravel()
-    hits_of = hits.reshape(-1, 3)
-    ends = np.empty((points.shape[0], 2))
-    fresh, count, ended = np.empty(points.shape[0], np.int64), 0, 0
+    ends = _from_corner(points, pose, corner)
+    starts = _from_corner(origins, pose, corner)
+    valid = _inside(ends, starts, layers.log_odds.shape, resolution)
+    fresh, ended = _vote_hits(ends, valid & ~through, resolution, layers, scan_number, evidence)
+    # Free votes come last, so that they find the stamps of all cells in which a beam ended.
     for i in range(points.shape[0]):
-        x = pose[0] + cos * points[i, 0] - sin * points[i, 1] - x0
-        y = pose[1] + sin * points[i, 0] + cos * points[i, 1] - y0
-        ends[i, 0], ends[i, 1] = x / resolution, y / resolution
-        if through[i]:
+        if valid[i]:
+            _vote_free(starts[i], ends[i], through[i], resolution, layers, scan_number, evidence)
+    hits = layers.hits.reshape(-1, 3)
+    places = np.empty((len(fresh), 2))
+    for i in range(len(fresh)):
+        n = hits[fresh[i], 2]
+        places[i, 0] = corner[0] + hits[fresh[i], 0] / n
+        places[i, 1] = corner[1] + hits[fresh[i], 1] / n
+    return places, len(fresh) / max(1, ended)
+
+
+@njit(cache=True)
+def _from_corner(points: FloatArray, pose: FloatArray, corner: tuple[float, float]) -> FloatArray:
+    """(n, 2) m from the grid's corner, of points (n, 2) in base_link at ``pose``."""
+    cos, sin, out = math.cos(pose[2]), math.sin(pose[2]), np.empty((points.shape[0], 2))
+    for i in range(points.shape[0]):
+        out[i, 0] = pose[0] + cos * points[i, 0] - sin * points[i, 1] - corner[0]
+        out[i, 1] = pose[1] + sin * points[i, 0] + cos * points[i, 1] - corner[1]
+    return out
+
+
+@njit(cache=True)
+def _inside(
+    ends: FloatArray, starts: FloatArray, shape: tuple[int, int], resolution: float
+) -> NDArray[np.bool_]:
+    """(n,) whether both ends of a beam lie in the grid, a cell from its border; False for NaN.
+
+    A straight beam between two such points stays in the grid, whatever the rounding of its steps.
+    """
+    rows, cols = shape
+    out = np.empty(ends.shape[0], np.bool_)
+    for i in range(ends.shape[0]):
+        good = True
+        for x, y in ((ends[i, 0], ends[i, 1]), (starts[i, 0], starts[i, 1])):
+            # Comparisons that a NaN fails.
+            good &= resolution <= x and x < (cols - 1) * resolution
+            good &= resolution <= y and y < (rows - 1) * resolution
+        out[i] = good
+    return out
+
+
+@njit(cache=True)
+def _vote_hits(
+    ends: FloatArray,
+    valid: NDArray[np.bool_],
+    resolution: float,
+    layers: GridLayers,
+    scan_number: int,
+    evidence: Evidence,
+) -> tuple[NDArray[np.int64], int]:
+    """Enter the hits: the cells (k,) that became occupied, and how many cells were hit."""
+    cols = layers.log_odds.shape[1]
+    # Cells by one running number: a beam's step is an addition.
+    odds, stamp = layers.log_odds.ravel(), layers.stamp.ravel()
+    occupied, hits = layers.occupied.ravel(), layers.hits.reshape(-1, 3)
+    fresh, count, ended = np.empty(ends.shape[0], np.int64), 0, 0
+    for i in range(ends.shape[0]):
+        if not valid[i]:
             continue
-        cell = math.floor(ends[i, 1]) * cols + math.floor(ends[i, 0])
-        hits_of[cell, 0] += x
-        hits_of[cell, 1] += y
-        hits_of[cell, 2] += 1.0
-        if stamp_of[cell] != scan_number:
-            stamp_of[cell] = scan_number
+        x, y = ends[i, 0], ends[i, 1]
+        cell = math.floor(y / resolution) * cols + math.floor(x / resolution)
+        # Every hit counts for the mean, though only the first one votes.
+        hits[cell, 0] += x
+        hits[cell, 1] += y
+        hits[cell, 2] += 1.0
+        if stamp[cell] != scan_number:
+            stamp[cell] = scan_number
             ended += 1
-            odds_of[cell] = min(most, odds_of[cell] + hit)
-            if odds_of[cell] > threshold and not occupied_of[cell]:
-                occupied_of[cell] = True
+            odds[cell] = min(evidence.most, odds[cell] + evidence.hit)
+            if odds[cell] > evidence.threshold and not occupied[cell]:
+                occupied[cell] = True
                 fresh[count] = cell
                 count += 1
-    for i in range(points.shape[0]):
-        ax = (pose[0] + cos * origins[i, 0] - sin * origins[i, 1] - x0) / resolution
-        ay = (pose[1] + sin * origins[i, 0] + cos * origins[i, 1] - y0) / resolution
-        dx, dy = ends[i, 0] - ax, ends[i, 1] - ay
-        length = math.hypot(dx, dy)
-        last = length if through[i] else length - 2.0
-        if last < 1.0:
-            continue
-        dx, dy = dx / length, dy / length
-        col, row = math.floor(ax), math.floor(ay)
-        step_x, step_y = (1 if dx > 0 else -1), (cols if dy > 0 else -cols)
-        grow_x = abs(1.0 / dx) if dx != 0.0 else 1e18
-        grow_y = abs(1.0 / dy) if dy != 0.0 else 1e18
-        to_x = ((col + 1 - ax) if dx > 0 else (ax - col)) * grow_x
-        to_y = ((row + 1 - ay) if dy > 0 else (ay - row)) * grow_y
-        travelled, cell = 0.0, row * cols + col
-        while travelled < last:
-            if stamp_of[cell] != scan_number:
-                stamp_of[cell] = scan_number
-                value = max(-most, odds_of[cell] - miss)
-                odds_of[cell] = value
-                if value <= threshold:
-                    occupied_of[cell] = False
-                if value < 0.0 and hits_of[cell, 2] > 0.0:
-                    hits_of[cell, :] = 0.0
-            if to_x < to_y:
-                travelled = to_x
-                to_x += grow_x
-                cell += step_x
-            else:
-                travelled = to_y
-                to_y += grow_y
-                cell += step_y
-    places = np.empty((count, 2))
-    for i in range(count):
-        n = hits_of[fresh[i], 2]
-        places[i, 0] = x0 + hits_of[fresh[i], 0] / n
-        places[i, 1] = y0 + hits_of[fresh[i], 1] / n
-    return places, count / max(1, ended)
+    return fresh[:count], ended
+
+
+@njit(cache=True)
+def _vote_free(
+    start: FloatArray,
+    end: FloatArray,
+    through: bool,
+    resolution: float,
+    layers: GridLayers,
+    scan_number: int,
+    evidence: Evidence,
+) -> None:
+    """Vote the cells free that a beam crossed (Amanatides & Woo 1987).
+
+    They end two cells short of its hit: the near half of the noise about a wall must not be voted
+    away, or the wall's hit mean would recede from whoever looks at it.
+    """
+    cols = layers.log_odds.shape[1]
+    odds, stamp = layers.log_odds.ravel(), layers.stamp.ravel()
+    occupied, hits = layers.occupied.ravel(), layers.hits.reshape(-1, 3)
+    ax, ay = start[0] / resolution, start[1] / resolution
+    dx, dy = end[0] / resolution - ax, end[1] / resolution - ay
+    length = math.hypot(dx, dy)
+    last = length if through else length - _SHORT_OF_HIT
+    if last < 1.0:
+        return
+    dx, dy = dx / length, dy / length
+    col, row = math.floor(ax), math.floor(ay)
+    step_x, step_y = (1 if dx > 0 else -1), (cols if dy > 0 else -cols)
+    # Length of beam from one grid line to the next, and to the first one, along each axis.
+    grow_x = abs(1.0 / dx) if dx != 0.0 else 1e18
+    grow_y = abs(1.0 / dy) if dy != 0.0 else 1e18
+    to_x = ((col + 1 - ax) if dx > 0 else (ax - col)) * grow_x
+    to_y = ((row + 1 - ay) if dy > 0 else (ay - row)) * grow_y
+    travelled, cell = 0.0, row * cols + col
+    while travelled < last:
+        if stamp[cell] != scan_number:
+            stamp[cell] = scan_number
+            value = max(-evidence.most, odds[cell] - evidence.miss)
+            odds[cell] = value
+            if value <= evidence.threshold:
+                occupied[cell] = False
+            # What is clearly free forgets its hits.
+            if value < 0.0 and hits[cell, 2] > 0.0:
+                hits[cell, :] = 0.0
+        if to_x < to_y:
+            travelled = to_x
+            to_x += grow_x
+            cell += step_x
+        else:
+            travelled = to_y
+            to_y += grow_y
+            cell += step_y
 
 
 @njit(cache=True)
 def placed_bounds(points: FloatArray, pose: FloatArray) -> tuple[float, float, float, float]:
-    """x_min, y_min, x_max, y_max in map of points (n, 2) given in base_link at ``pose`` (3,)."""
+    """Return the bounding box in map of points given in base_link.
+
+    Args:
+        points: (n, 2) in base_link, m.
+        pose: (3,) x, y, yaw of base_link in map.
+
+    Returns:
+        x_min, y_min, x_max, y_max, m; infinities of the wrong sign if there are no points.
+    """
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     x_min, y_min, x_max, y_max = np.inf, np.inf, -np.inf, -np.inf
     for i in range(points.shape[0]):
@@ -131,10 +243,13 @@ def surface_distance(
     resolution: float,
     distance: NDArray[np.float32],
 ) -> None:
-    """Distance (rows, cols), m, of each cell's centre to the hit mean of the nearest occupied cell.
+    """Write the distance of each cell's centre to the hit mean of the nearest occupied cell.
 
-    labels: (rows, cols) number of that cell, from 1; places: (n + 1, 2) its hit mean, m from the
-    grid's lower left corner.
+    Args:
+        labels: (rows, cols) number of that cell, from 1.
+        places: (n + 1, 2) hit means by that number, m from the grid's lower left corner.
+        resolution: Side of a cell, m.
+        distance: (rows, cols) m, written.
     """
     for row in range(labels.shape[0]):
         y = (row + 0.5) * resolution

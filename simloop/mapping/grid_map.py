@@ -1,7 +1,7 @@
 """The occupancy grid: log-odds, the sums of the hits in each cell, and fields to search in.
 
-It grows as needed, by chunks, up to a bound in cells; what lies beyond is not entered. A cell takes
-``BYTES_A_CELL``, so that the bound is one of memory too.
+The grid grows as needed, by chunks, up to a bound in cells. What lies beyond is not entered. A
+cell takes ``BYTES_A_CELL``, so the bound is one of memory too.
 """
 
 from __future__ import annotations
@@ -14,26 +14,44 @@ from numpy.typing import NDArray
 
 from simloop.config import SlamConfig
 from simloop.geometry.se2 import transform_points
-from simloop.mapping.correlative import MID, TOP, raise_field, search
-from simloop.mapping.grid_kernels import placed_bounds, surface_distance, trace_scan
+from simloop.mapping.correlative import MID, TOP, SearchFields, raise_field, search
+from simloop.mapping.grid_kernels import (
+    Evidence,
+    GridLayers,
+    placed_bounds,
+    surface_distance,
+    trace_scan,
+)
 from simloop.mapping.scan_match import refine
 from simloop.messages import FloatArray
 
 BYTES_A_CELL = 4 + 24 + 4 + 1 + 1 + 1.0 / MID**2 + 1.0 / TOP**2
 NOWHERE_M = 100.0
-"""Distance reported where the map holds nothing."""
+"""Distance reported where the map holds nothing, m."""
 
 _CHUNK = 64  # cells by which the grid grows; a multiple of the search fields' blocks
-_NONE = np.empty((0, 2))
-_ANYWHERE = np.empty((0, 5))
+_NO_POINTS = np.empty((0, 2))
+_NOTHING_EXCLUDED = np.empty((0, 5))
 _FINEST_TURN_RAD = 0.004
 _COARSEST_TURN_RAD = 0.02
 
 
 class GridMap:
-    """Scans entered at given poses. All arrays are [iy, ix], the first cell at ``origin_m``."""
+    """An occupancy grid, made of scans that are entered at given poses.
+
+    All arrays are [iy, ix]; the first cell's lower left corner is at ``origin_m``.
+
+    Attributes:
+        resolution_m: Side of a cell, m.
+        origin_m: (2,) lower left corner of the first cell in map, m.
+        log_odds: (rows, cols) float32, 0 is unknown.
+        hits: (rows, cols, 3) sums of x and y of the hits, m from ``origin_m``, and their number.
+        occupied: (rows, cols) bool, whether ``log_odds`` is above the threshold.
+        scans: How many scans were entered.
+    """
 
     def __init__(self, config: SlamConfig) -> None:
+        """Make an empty grid of no cells."""
         self._config = config
         self.resolution_m = config.resolution_m
         self.origin_m = np.zeros(2)
@@ -42,6 +60,12 @@ class GridMap:
         self.occupied = np.zeros((0, 0), np.bool_)
         self._stamp = np.zeros((0, 0), np.int32)
         self._fields = tuple(np.zeros((0, 0), np.uint8) for _ in range(3))
+        self._evidence = Evidence(
+            config.hit_log_odds,
+            config.miss_log_odds,
+            config.max_log_odds,
+            config.occupied_log_odds,
+        )
         self.scans = 0
         self._distance: np.ndarray | None = None
 
@@ -52,45 +76,54 @@ class GridMap:
         pose: FloatArray,
         through: NDArray[np.bool_] | None = None,
     ) -> tuple[FloatArray, float]:
-        """Enter a scan, points and origins (n, 2) in base_link at ``pose`` (3,).
+        """Enter a scan.
 
-        through: (n,) beams that met nothing where they end. Returns where, (k, 2) in map, cells
-        became occupied by it, and their share of all cells in which its beams ended.
+        Args:
+            points: (n, 2) ends of its beams in base_link, m.
+            origins: (n, 2) their origins in base_link, m; the laser may be mounted anywhere.
+            pose: (3,) x, y, yaw of base_link in map.
+            through: (n,) beams that met nothing where they end; None: all met something.
+
+        Returns:
+            (k, 2) in map, m, where cells became occupied by it, and their share of all cells in
+            which its beams ended.
         """
         if through is None:
             through = np.zeros(len(points), np.bool_)
-        if not self._grow_to_hold(points, pose):
+        if not self._grow_to_hold(points, origins, pose):
             inside = self._within(points, origins, pose)
             points, origins, through = points[inside], origins[inside], through[inside]
         if len(points) == 0:
-            return _NONE, 0.0
+            return _NO_POINTS, 0.0
         self.scans += 1
-        config = self._config
+        x0, y0 = self.origin_m.tolist()
         fresh, share = trace_scan(
             points,
             origins,
             through,
             pose,
-            *self.origin_m.tolist(),
+            (x0, y0),
             self.resolution_m,
-            self.log_odds,
-            self.hits,
-            self._stamp,
-            self.occupied,
+            GridLayers(self.log_odds, self.hits, self._stamp, self.occupied),
             self.scans,
-            config.hit_log_odds,
-            config.miss_log_odds,
-            config.max_log_odds,
-            config.occupied_log_odds,
+            self._evidence,
         )
-        raise_field(fresh, *self.origin_m.tolist(), self.resolution_m, *self._fields)
+        raise_field(fresh, x0, y0, self.resolution_m, *self._fields)
         self._distance = None
         return fresh, share
 
     def refine(
         self, points: FloatArray, start: FloatArray
     ) -> tuple[FloatArray, FloatArray, float, float]:
-        """``scan_match.refine`` in this map."""
+        """Refine a pose in this map; see ``scan_match.refine``.
+
+        Args:
+            points: (n, 2) hits in base_link, m.
+            start: (3,) x, y, yaw of base_link in map, near the answer.
+
+        Returns:
+            Pose (3,), information (3, 3), matched share and mean residual.
+        """
         return refine(
             points,
             start,
@@ -108,26 +141,36 @@ class GridMap:
         window: FloatArray,
         weights: FloatArray,
         least: float = 0.0,
-        but: FloatArray = _ANYWHERE,
+        excluded: FloatArray = _NOTHING_EXCLUDED,
     ) -> tuple[FloatArray, float]:
-        """``correlative.search`` in this map; the turns step by about a cell at the points."""
+        """Search a window for the best pose in this map; see ``correlative.search``.
+
+        The headings step by about a cell at the points.
+
+        Args:
+            points: (n, 2) hits in base_link, m.
+            prior: (3,) x, y, yaw of base_link in map, the window's middle.
+            window: (2,) half the window's size, m and rad.
+            weights: (2,) penalties, 1/m^2 and 1/rad^2, on the squared distance from the prior.
+            least: Score that the pose must exceed.
+            excluded: (k, 5) x, y, yaw, m, rad: poses nearer than that to one of them are left out.
+
+        Returns:
+            Pose (3,), and its score; -1 if there is none.
+        """
         far = float(np.quantile(np.hypot(points[:, 0], points[:, 1]), 0.8))
         step = float(np.clip(self.resolution_m / far, _FINEST_TURN_RAD, _COARSEST_TURN_RAD))
-        return search(
-            points,
-            prior,
-            window,
-            weights,
-            *self._fields,
-            self.origin_m,
-            self.resolution_m,
-            step,
-            least,
-            but,
-        )
+        fine, mid, top = self._fields
+        fields = SearchFields(fine, mid, top, self.origin_m, self.resolution_m)
+        return search(points, prior, window, weights, fields, step, least, excluded)
 
     def distances(self) -> np.ndarray:
-        """(rows, cols) float32, m, to the nearest surface; cached until the map changes."""
+        """Return the distance from each cell's centre to the nearest surface.
+
+        Returns:
+            (rows, cols) float32, m, read-only; ``NOWHERE_M`` without any surface. It is cached
+            until the map changes.
+        """
         if self._distance is None:
             occupied = self.occupied
             distance = np.full(occupied.shape, NOWHERE_M, np.float32)
@@ -147,9 +190,15 @@ class GridMap:
 
     @classmethod
     def of(cls, config: SlamConfig, origin_m: FloatArray, log_odds: np.ndarray) -> GridMap:
-        """A map that begins with given log-odds (rows, cols): each surface in its cell's middle.
+        """Make a map of given log-odds; each surface is taken to lie in its cell's middle.
 
-        origin_m: (2,) of the first cell's lower left corner.
+        Args:
+            config: Settings, with the map's resolution.
+            origin_m: (2,) lower left corner of the first cell in map, m.
+            log_odds: (rows, cols), [iy, ix].
+
+        Returns:
+            The map; its extent is a whole number of chunks.
         """
         grid = cls(config)
         rows, cols = log_odds.shape
@@ -166,24 +215,39 @@ class GridMap:
         return grid
 
     def renew_fields(self) -> None:
-        """Make the search's fields anew, without surfaces that have gone from the map since."""
+        """Rebuild the search fields without surfaces that have gone from the map since."""
         for field in self._fields:
             field[:] = 0
         raise_field(self.surfaces(), *self.origin_m.tolist(), self.resolution_m, *self._fields)
 
     def surfaces(self) -> FloatArray:
-        """(k, 2) m, the hit mean of every occupied cell."""
+        """Return the surfaces in the map.
+
+        Returns:
+            (k, 2) in map, m, the hit mean of every occupied cell.
+        """
         hits = self.hits[self.occupied]
         return self.origin_m + hits[:, :2] / np.maximum(hits[:, 2:], 1.0)
 
     def fade(self, share: float) -> None:
-        """Forget a share of all evidence."""
+        """Forget a share of all evidence.
+
+        Args:
+            share: 0 to 1, taken off all log-odds.
+        """
         self.log_odds *= 1.0 - share
         self.occupied[:] = self.log_odds > self._config.occupied_log_odds
         self._distance = None
 
     def joined(self, surfaces_m: FloatArray) -> GridMap:
-        """A copy, to be looked at only, in which further surfaces (k, 2), in map, stand too."""
+        """Return a copy, for reading only, with further surfaces in it.
+
+        Args:
+            surfaces_m: (k, 2) in map, m, at least one.
+
+        Returns:
+            The copy. Without them if the grid may not grow that far.
+        """
         both = copy.copy(self)
         both.occupied, both.hits = self.occupied.copy(), self.hits.copy()
         both._distance = None
@@ -196,13 +260,19 @@ class GridMap:
             both.occupied[rows, cols] = True
         return both
 
-    def _grow_to_hold(self, points: FloatArray, pose: FloatArray) -> bool:
-        """Make the grid hold all points of the scan, the robot, and a margin; False: it may not."""
+    def _grow_to_hold(self, points: FloatArray, origins: FloatArray, pose: FloatArray) -> bool:
+        """Make the grid hold the beams' ends and origins, the robot, and a margin; False: it may
+        not.
+
+        The kernel checks both ends of a beam; with this margin none is ever left out.
+        """
         margin = 2.0 * self.resolution_m
-        x_min, y_min, x_max, y_max = placed_bounds(points, pose)
-        low = np.array((min(x_min, pose[0] - 0.5) - margin, min(y_min, pose[1] - 0.5) - margin))
-        high = np.array((max(x_max, pose[0] + 0.5) + margin, max(y_max, pose[1] + 0.5) + margin))
-        return self._grow(low, high)
+        low, high = pose[:2] - 0.5, pose[:2] + 0.5
+        for ends in (points, origins):
+            x_min, y_min, x_max, y_max = placed_bounds(ends, pose)
+            low = np.minimum(low, (x_min, y_min))
+            high = np.maximum(high, (x_max, y_max))
+        return self._grow(low - margin, high + margin)
 
     def _grow(self, low: FloatArray, high: FloatArray) -> bool:
         """Make the grid reach over the box from ``low`` to ``high``, (2,) each; False: it may
@@ -233,6 +303,7 @@ class GridMap:
         for field, side in zip(self._fields, (1, MID, TOP), strict=True):
             grown.append(np.pad(field, [[p // side for p in pad] for pad in pads]))
         self._fields = tuple(grown)
+        self._distance = None  # of the old extent
 
     def _within(
         self, points: FloatArray, origins: FloatArray, pose: FloatArray

@@ -1,6 +1,7 @@
-"""Maps as ROS's map_server keeps them, read: a YAML file and its grey picture (PGM).
+"""Read and write maps in the format of ROS's map_server: a YAML file and a grey picture (PGM).
 
-As its loader reads them, ``trinary``, ``scale`` and ``raw``.
+The modes ``trinary``, ``scale`` and ``raw`` are read as map_server reads them; ``trinary`` is
+written.
 """
 
 from __future__ import annotations
@@ -19,13 +20,29 @@ OCCUPIED, UNKNOWN, FREE = 0, 205, 254
 
 
 def load_map(yaml_file: Path, config: SlamConfig) -> GridMap:
-    """The map in a file, with its own resolution. Raises InputError for what is no map."""
+    """Read a map.
+
+    Args:
+        yaml_file: The YAML file; the picture that it names lies relative to it.
+        config: Settings of the grid; the resolution is the file's own.
+
+    Returns:
+        The map.
+
+    Raises:
+        InputError: A file is missing, cut off, or not a map.
+    """
     resolution, origin, odds = read_cells(yaml_file)
     return GridMap.of(replace(config, resolution_m=resolution), origin, odds)
 
 
 def save_map(grid: GridMap, yaml_file: Path) -> None:
-    """Write ``yaml_file`` and, beside it under the same name, its ``.pgm``."""
+    """Write a map, with its picture beside the YAML file under the same name.
+
+    Args:
+        grid: The map.
+        yaml_file: The file to write; its picture ends in ``.pgm``.
+    """
     picture = yaml_file.with_suffix(".pgm")
     values = np.full(grid.log_odds.shape, UNKNOWN, np.uint8)
     values[grid.log_odds < 0.0] = FREE

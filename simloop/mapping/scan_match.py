@@ -1,11 +1,14 @@
 """Compiled kernels of the scan matcher: deskewing and refinement (the search: ``correlative``).
 
-The refinement is a normal-distributions match: a map cell's surface is what the hit means of the
-3 x 3 cells about it say (their weighted mean and covariance, after Biber & Strasser 2003), and a
-point's residual along its normal is weighted with the inverse of its variance there: a
-point-to-line match, to a fraction of a cell. Along itself a surface is a piece of something longer,
-cut out by the cells, and says nothing of where a point belongs. Hits that huddle in less than that
-make no line and do not pull: what looks like a thin post may be a far wall that few beams reached.
+The refinement is a normal-distributions match (after Biber & Strasser 2003), point to line:
+
+- The surface in a map cell is the weighted mean and covariance of the hit means of the 3 x 3 cells
+  about it. This is finer than a cell.
+- A point's residual along the surface's normal is weighted with the inverse of its variance there.
+  Along itself a surface is a piece of something longer, cut out by the cells; that direction says
+  nothing of where a point belongs and has no weight.
+- Hits that lie too close together make no line and have no weight: what looks like a thin post
+  may be a far wall that few beams reached.
 
 Where all normals are alike, as in a bare corridor, nothing holds the pose along the walls but the
 normals' own errors. That direction is left as it was and declared unknown (Zhang, Kaess & Singh
@@ -15,6 +18,7 @@ normals' own errors. That direction is left as it was and declared unknown (Zhan
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -24,13 +28,28 @@ from simloop.geometry.se2 import interpolate_xyt, wrap_angle
 from simloop.messages import FloatArray
 
 _ROBUST = 9.0  # squared Mahalanobis distance at which a point's weight has fallen to a quarter
-_LEAST_COUNT = 2  # cells that make a surface
+_LEAST_CELLS = 2  # with hits, that make a surface
+_LEAST_MATCHED = 10  # points
 _EQUAL_HITS = 10.0  # from which cells count alike for a line
 _LONG = 0.15  # variance along a surface, in cells squared, that makes it a line
 # Share of the best held direction's information below which a direction is not held at all: what
 # normals that are off by some 10 degrees, as those of young surfaces are, feign along a wall.
 _DEGENERATE = 0.03
 _STIFF = 1e12  # keeps the pose where it is in a direction that is not held
+_TINY = 1e-9  # information added so that the normal equations can be solved
+_SMALL_STEP = 1e-4  # m and rad, at which the iteration ends
+
+
+@njit(cache=True)
+def _pose_between(
+    k: int, pose_t_ns: NDArray[np.int64], poses: FloatArray, t_ns: int
+) -> tuple[float, float, float]:
+    """The pose at an instant, interpolated from the k-th pose and the next one."""
+    if poses.shape[0] == 1:
+        return poses[0, 0], poses[0, 1], poses[0, 2]
+    f = (t_ns - pose_t_ns[k]) / (pose_t_ns[k + 1] - pose_t_ns[k])
+    ax, ay, ayaw = poses[k, 0], poses[k, 1], poses[k, 2]
+    return interpolate_xyt(ax, ay, ayaw, poses[k + 1, 0], poses[k + 1, 1], poses[k + 1, 2], f)
 
 
 @njit(cache=True)
@@ -39,47 +58,45 @@ def deskew(
     ranges: FloatArray,
     beam_t_ns: NDArray[np.int64],
     limits: FloatArray,
-    trail_t_ns: NDArray[np.int64],
-    trail: FloatArray,
+    pose_t_ns: NDArray[np.int64],
+    poses: FloatArray,
     mount: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Hit points and beam origins, both (m, 2), in base_link at the end of the trail.
+    """Return hits and beam origins in one frame, with the motion during the scan taken out.
 
-    trail: (k, 3) poses of base_link at rising trail_t_ns (k,); each beam is placed by the pose
-    interpolated at its own instant. limits: (2,) least and greatest range. mount: (3,)
-    base_from_laser. Beams that are not finite or out of range are left out.
+    Args:
+        angles: (n,) of the beams in the laser frame, rad.
+        ranges: (n,) m; what is not finite or out of range is left out.
+        beam_t_ns: (n,) when each beam was cast.
+        limits: (2,) least and greatest range, m.
+        pose_t_ns: (k,) rising stamps of the poses.
+        poses: (k, 3) x, y, yaw of base_link in a frame that stands; the last is at the scan's end.
+        mount: (3,) x, y, yaw of the laser in base_link.
+
+    Returns:
+        Hits and origins, (m, 2) each, in base_link at the last pose, m.
     """
     points, origins = np.empty((angles.shape[0], 2)), np.empty((angles.shape[0], 2))
-    last = trail.shape[0] - 1
-    ex, ey, eyaw = trail[last, 0], trail[last, 1], trail[last, 2]
+    last = poses.shape[0] - 1
+    ex, ey, eyaw = poses[last, 0], poses[last, 1], poses[last, 2]
     cos_end, sin_end = math.cos(eyaw), math.sin(eyaw)
     count, k = 0, 0
     for i in range(angles.shape[0]):
         r = ranges[i]
         if not (limits[0] <= r <= limits[1]):
             continue
-        while k + 1 < last and trail_t_ns[k + 1] < beam_t_ns[i]:
+        while k + 1 < last and pose_t_ns[k + 1] < beam_t_ns[i]:
             k += 1
-        while k > 0 and trail_t_ns[k] > beam_t_ns[i]:
+        while k > 0 and pose_t_ns[k] > beam_t_ns[i]:
             k -= 1
-        if last == 0:
-            x, y, yaw = ex, ey, eyaw
-        else:
-            f = (beam_t_ns[i] - trail_t_ns[k]) / (trail_t_ns[k + 1] - trail_t_ns[k])
-            x, y, yaw = interpolate_xyt(
-                trail[k, 0],
-                trail[k, 1],
-                trail[k, 2],
-                trail[k + 1, 0],
-                trail[k + 1, 1],
-                trail[k + 1, 2],
-                f,
-            )
+        x, y, yaw = _pose_between(k, pose_t_ns, poses, beam_t_ns[i])
+        # The laser's place relative to the last pose, still in the standing frame.
         c, s = math.cos(yaw), math.sin(yaw)
         lx = x + c * mount[0] - s * mount[1] - ex
         ly = y + s * mount[0] + c * mount[1] - ey
         heading = yaw + mount[2] + angles[i]
         px, py = lx + r * math.cos(heading), ly + r * math.sin(heading)
+        # And into the last pose's own axes.
         origins[count, 0] = cos_end * lx + sin_end * ly
         origins[count, 1] = cos_end * ly - sin_end * lx
         points[count, 0] = cos_end * px + sin_end * py
@@ -97,11 +114,21 @@ def surface_at(
     resolution: float,
     out: FloatArray,
 ) -> bool:
-    """Write mean and inverse covariance (5,) x, y, a, b, c of a cell's surface; False: it has none.
+    """Write the surface in a cell: its mean and its inverse covariance [[a, b], [b, c]].
 
-    hits: (rows, cols, 3) sums of x, y and count of the hits, m. grain: m,
-    standard deviation added. The inverse covariance is [[a, b], [b, c]], of rank one: it has
-    nothing along the surface; it is zero where the hits make no line.
+    The inverse covariance is of rank one: it has nothing along the surface. It is zero where the
+    hits make no line.
+
+    Args:
+        row: Row of the cell.
+        col: Column of the cell.
+        hits: (rows, cols, 3) sums of x and y, m from the grid's corner, and number of the hits.
+        grain: Standard deviation added across the surface, m.
+        resolution: Side of a cell, m.
+        out: (5,) x, y, m, and a, b, c, 1/m^2, written.
+
+    Returns:
+        Whether there is a surface.
     """
     cells = 0
     weight = sx = sy = sxx = sxy = syy = 0.0
@@ -113,7 +140,7 @@ def surface_at(
                 continue
             x, y = hits[i, j, 0] / n, hits[i, j, 1] / n
             cells += 1
-            # The line is all the cells', not that of the one that was seen longest: from there a
+            # The line belongs to all the cells, not to the one that was seen longest: from there a
             # small error of its direction would be a large one of its place.
             w = min(n, _EQUAL_HITS)
             weight += w
@@ -122,7 +149,7 @@ def surface_at(
             sxx += w * x * x
             sxy += w * x * y
             syy += w * y * y
-    if cells < _LEAST_COUNT:
+    if cells < _LEAST_CELLS:
         return False
     mx, my = sx / weight, sy / weight
     cxx, cyy, cxy = sxx / weight - mx * mx, syy / weight - my * my, sxy / weight - mx * my
@@ -135,7 +162,16 @@ def surface_at(
 
 @njit(cache=True)
 def principal_axes(a: float, b: float, c: float) -> tuple[float, float, float, float]:
-    """Greater and lesser eigenvalue of [[a, b], [b, c]]; cosine and sine of the greater's axis."""
+    """Return the eigenvalues and the first axis of a symmetric matrix [[a, b], [b, c]].
+
+    Args:
+        a: Upper left entry.
+        b: Entry off the diagonal.
+        c: Lower right entry.
+
+    Returns:
+        Greater and lesser eigenvalue; cosine and sine of the greater one's axis.
+    """
     middle, half = 0.5 * (a + c), 0.5 * (a - c)
     reach = math.hypot(half, b)
     angle = 0.5 * math.atan2(b, half)
@@ -144,9 +180,15 @@ def principal_axes(a: float, b: float, c: float) -> tuple[float, float, float, f
 
 @njit(cache=True)
 def unheld_direction(h: FloatArray) -> FloatArray:
-    """(3,) unit direction in x, y, yaw that the information h (3, 3) leaves open; zeros: none.
+    """Return the direction that a match leaves open, if there is one.
 
-    Judged by what is known of x and y with the yaw unknown (the Schur complement).
+    It is judged by what is known of x and y with the yaw unknown (the Schur complement).
+
+    Args:
+        h: (3, 3) information of x, y, yaw.
+
+    Returns:
+        (3,) unit vector in x, y, yaw; zeros if all directions are held.
     """
     a = h[0, 0] - h[0, 2] * h[0, 2] / h[2, 2]
     b = h[0, 1] - h[0, 2] * h[1, 2] / h[2, 2]
@@ -156,6 +198,14 @@ def unheld_direction(h: FloatArray) -> FloatArray:
     if least < _DEGENERATE * most:
         out[0], out[1] = -sin, cos
     return out
+
+
+class _SurfaceCache(NamedTuple):
+    """The surface that each point lay by last: (n, 5), (n,) whether there is one, (n,) its cell."""
+
+    surfaces: FloatArray
+    known: NDArray[np.bool_]
+    cell_of: NDArray[np.int64]
 
 
 @njit(cache=True)
@@ -169,72 +219,103 @@ def refine(
     grain: float,
     most_steps: int,
 ) -> tuple[FloatArray, FloatArray, float, float]:
-    """Gauss-Newton from ``start`` (3,): pose, information (3, 3), matched share, mean residual.
+    """Refine a pose by Gauss-Newton, point to line, with robust weights.
 
-    The information is that of the last step, robust weights included, and none in a direction that
-    is not held; the mean residual is the
-    squared Mahalanobis distance a matched point, about 2 or less when the scan fits the map. Sums
-    are taken about (x0, y0), which keeps the hit sums well conditioned.
+    Args:
+        points: (n, 2) hits in base_link, m.
+        start: (3,) x, y, yaw of base_link in map, near the answer.
+        hits: (rows, cols, 3) sums of x and y, m from (x0, y0), and number of the hits.
+        x0: x of the grid's corner, m; sums are taken about it, which keeps them well conditioned.
+        y0: y of the grid's corner, m.
+        resolution: Side of a cell, m.
+        grain: Standard deviation added across a surface, m.
+        most_steps: Iterations at most.
+
+    Returns:
+        Pose (3,); information (3, 3) of the last step, robust weights included, and none in a
+        direction that is not held; share of the points that met a surface; mean squared
+        Mahalanobis distance of those, about 2 or less when the scan fits the map.
     """
-    n, rows, cols = points.shape[0], hits.shape[0], hits.shape[1]
-    pose = start.copy()
-    # A point's surface is found anew only when the point has moved to another cell, which in
-    # the last steps it hardly ever does; neighbours in a scan often share theirs.
-    surfaces, known, cell_of = np.empty((n, 5)), np.zeros(n, np.bool_), np.full(n, -1)
+    n, pose = points.shape[0], start.copy()
+    cache = _SurfaceCache(np.empty((n, 5)), np.zeros(n, np.bool_), np.full(n, -1))
     h, g, open_ = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
     share, residual = 0.0, 0.0
     for _ in range(most_steps):
-        h[:] = 0.0
-        g[:] = 0.0
-        matched, total = 0, 0.0
-        cos, sin = math.cos(pose[2]), math.sin(pose[2])
-        for i in range(n):
-            rx = cos * points[i, 0] - sin * points[i, 1]
-            ry = sin * points[i, 0] + cos * points[i, 1]
-            px, py = pose[0] + rx - x0, pose[1] + ry - y0
-            row, col = math.floor(py / resolution), math.floor(px / resolution)
-            if row < 0 or col < 0 or row >= rows or col >= cols:
-                continue
-            cell, surface = row * cols + col, surfaces[i]
-            if cell != cell_of[i]:
-                cell_of[i] = cell
-                if i > 0 and cell == cell_of[i - 1]:
-                    known[i] = known[i - 1]
-                    surface[:] = surfaces[i - 1]
-                else:
-                    known[i] = surface_at(row, col, hits, grain, resolution, surface)
-            if not known[i]:
-                continue
-            dx, dy = px - surface[0], py - surface[1]
-            a, b, c = surface[2], surface[3], surface[4]
-            d2 = a * dx * dx + 2.0 * b * dx * dy + c * dy * dy
-            w = 1.0 / (1.0 + d2 / _ROBUST) ** 2
-            matched += 1
-            total += min(d2, _ROBUST)
-            # Residual's Jacobian: [1 0 -ry; 0 1 rx]
-            ja, jb = -a * ry + b * rx, -b * ry + c * rx
-            gx, gy = a * dx + b * dy, b * dx + c * dy
-            h[0, 0] += w * a
-            h[0, 1] += w * b
-            h[1, 1] += w * c
-            h[0, 2] += w * ja
-            h[1, 2] += w * jb
-            h[2, 2] += w * (-ry * ja + rx * jb)
-            g[0] += w * gx
-            g[1] += w * gy
-            g[2] += w * (-ry * gx + rx * gy)
-        if matched < 10:
+        matched, total = _normal_equations(
+            points, pose, hits, x0, y0, resolution, grain, cache, h, g
+        )
+        if matched < _LEAST_MATCHED:
             return pose, h, 0.0, 1e9
         share, residual = matched / n, total / matched
         h[1, 0], h[2, 0], h[2, 1] = h[0, 1], h[0, 2], h[1, 2]
         for k in range(3):
-            h[k, k] += 1e-9
+            h[k, k] += _TINY
+        # A direction that nothing holds is made stiff, so that the step does not go there.
         open_ = unheld_direction(h)
         step = np.linalg.solve(h + _STIFF * np.outer(open_, open_), g)
         pose[0] -= step[0]
         pose[1] -= step[1]
         pose[2] = wrap_angle(pose[2] - step[2])
-        if abs(step[0]) + abs(step[1]) < 1e-4 and abs(step[2]) < 1e-4:
+        if abs(step[0]) + abs(step[1]) < _SMALL_STEP and abs(step[2]) < _SMALL_STEP:
             break
     held = np.eye(3) - np.outer(open_, open_)
     return pose, held @ h @ held, share, residual
+
+
+@njit(cache=True)
+def _normal_equations(
+    points: FloatArray,
+    pose: FloatArray,
+    hits: FloatArray,
+    x0: float,
+    y0: float,
+    resolution: float,
+    grain: float,
+    cache: _SurfaceCache,
+    h: FloatArray,
+    g: FloatArray,
+) -> tuple[int, float]:
+    """Write the upper half of h (3, 3) and g (3,) at a pose: matched points, and their residual."""
+    rows, cols = hits.shape[0], hits.shape[1]
+    surfaces, known, cell_of = cache
+    h[:], g[:] = 0.0, 0.0
+    matched, total = 0, 0.0
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    for i in range(points.shape[0]):
+        rx = cos * points[i, 0] - sin * points[i, 1]
+        ry = sin * points[i, 0] + cos * points[i, 1]
+        px, py = pose[0] + rx - x0, pose[1] + ry - y0
+        row, col = math.floor(py / resolution), math.floor(px / resolution)
+        if row < 0 or col < 0 or row >= rows or col >= cols:
+            continue
+        # A point's surface is found anew only when the point has moved to another cell, which in
+        # the last steps it hardly ever does; neighbours in a scan often share theirs.
+        cell, surface = row * cols + col, surfaces[i]
+        if cell != cell_of[i]:
+            cell_of[i] = cell
+            if i > 0 and cell == cell_of[i - 1]:
+                known[i] = known[i - 1]
+                surface[:] = surfaces[i - 1]
+            else:
+                known[i] = surface_at(row, col, hits, grain, resolution, surface)
+        if not known[i]:
+            continue
+        dx, dy = px - surface[0], py - surface[1]
+        a, b, c = surface[2], surface[3], surface[4]
+        d2 = a * dx * dx + 2.0 * b * dx * dy + c * dy * dy
+        w = 1.0 / (1.0 + d2 / _ROBUST) ** 2
+        matched += 1
+        total += min(d2, _ROBUST)
+        # Residual's Jacobian: [1 0 -ry; 0 1 rx]
+        ja, jb = -a * ry + b * rx, -b * ry + c * rx
+        gx, gy = a * dx + b * dy, b * dx + c * dy
+        h[0, 0] += w * a
+        h[0, 1] += w * b
+        h[1, 1] += w * c
+        h[0, 2] += w * ja
+        h[1, 2] += w * jb
+        h[2, 2] += w * (-ry * ja + rx * jb)
+        g[0] += w * gx
+        g[1] += w * gy
+        g[2] += w * (-ry * gx + rx * gy)
+    return matched, total

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simloop.geometry.se2 import transform_points, wrap_angle
-from simloop.mapping.correlative import MID, TOP, raise_field, search, thinned
+from simloop.mapping.correlative import MID, TOP, SearchFields, raise_field, search, thinned
 
 seeds = st.integers(0, 2**32 - 1)
 CELL = 0.05
@@ -65,7 +65,7 @@ def test_the_search_finds_what_trying_every_pose_finds(seed, left_out):
     window, weights = np.array([rng.uniform(0.1, 0.5), 0.08]), np.array([0.3, 0.5])
     but = np.array([[*true, 0.15, 0.2]] * 2 if left_out else NO_PLACE)
     args = (points, prior, window, weights)
-    pose, score = search(*args, *fields, corner, CELL, 0.03, 0.0, but)
+    pose, score = search(*args, SearchFields(*fields, corner, CELL), 0.03, 0.0, but)
     expected = plain_search(*args, fields[0], corner, 0.03, but)
     assert score == pytest.approx(expected, abs=1e-9)
     if left_out:
@@ -78,7 +78,14 @@ def test_below_the_least_score_nothing_is_found():
     fields = fields_of(places, corner)
     prior = np.array([corner[0] + 2.0, corner[1] + 1.5, 0.0])
     points = rng.uniform(-1, 1, (30, 2))
-    args = (points, prior, np.array([0.2, 0.1]), np.zeros(2), *fields, corner, CELL, 0.03)
+    args = (
+        points,
+        prior,
+        np.array([0.2, 0.1]),
+        np.zeros(2),
+        SearchFields(*fields, corner, CELL),
+        0.03,
+    )
     _, score = search(*args, 0.0, NO_PLACE)
     assert score > 0.0
     assert search(*args, score + 1e-6, NO_PLACE)[1] == -1.0

@@ -1,11 +1,13 @@
-"""A robot that is given a map: with it, in it, and what is wrong with one."""
+"""A robot that is given a map: localising in it, extending it, and errors in the file."""
 
 from __future__ import annotations
 
 import pytest
 
 from simloop.common.errors import InputError
+from simloop.config import SlamConfig
 from simloop.loop import Simulation
+from simloop.mapping.grid_map import GridMap
 from simloop.mapping.map_files import save_map
 from simloop.messages import MapUpdate
 from simloop.scenario.load import load
@@ -14,15 +16,14 @@ from simloop.scenario.load import load
 def run(*overrides):
     heard = []
     simulation = Simulation(load("experiment", overrides), listeners=[heard.append])
-    result = simulation.run()
-    return simulation, result, [m for m in heard if isinstance(m, MapUpdate)]
+    return simulation, simulation.run(), [m for m in heard if isinstance(m, MapUpdate)]
 
 
 @pytest.fixture(scope="module")
 def known(tmp_path_factory):
-    simulation, result, _ = run()
+    _, result, maps = run()
     file = tmp_path_factory.mktemp("maps") / "room.yaml"
-    save_map(simulation.robot._localiser.slam.grid, file)
+    save_map(GridMap.of(SlamConfig(), maps[-1].origin_m, maps[-1].log_odds), file)
     return file, result
 
 
@@ -35,7 +36,7 @@ def test_with_a_map_the_first_plan_knows_the_room_and_the_robot_only_localises(k
     assert occupied[0] == occupied[-1] > 100
 
 
-def test_a_map_may_be_gone_on_with(known):
+def test_a_given_map_may_be_extended(known):
     _, result, maps = run(f'slam.prior_map="{known[0]}"')
     assert result.outcome == "reached"
     assert (maps[0].log_odds != maps[-1].log_odds[: maps[0].log_odds.shape[0]]).any()
