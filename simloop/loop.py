@@ -98,20 +98,20 @@ class Simulation:
             shoot = DepthCamera(config.camera, config.camera.period_s, camera, camera_rng).shoot
             self._shoot = watch.wrap("camera", shoot)
         self.robot = Robot(config, mission, laser, planner_rng, watch, camera)
-        self.metrics = RunMetrics(scenario, self.world.floor)
+        self.metrics = RunMetrics(scenario, self.world.floor, self.world.body)
         offers = [] if recorder is None else [watch.wrap("recorder", recorder.offer)]
         self._listeners: list[Listener] = [self.metrics.offer, *offers, *listeners]
         self._crowd = self._moving_goal = None
         if self.world.movers:
             self._crowd = Crowd(
-                self.world.movers, self.world.floor, config.vehicle, rates.control_s, crowd_rng
+                self.world.movers, self.world.floor, self.world.body, rates.control_s, crowd_rng
             )
         if scenario.goal_motion is not None:
             self._moving_goal = MovingGoal(
                 scenario.goal_motion,
                 scenario.goal,
                 self.world.floor,
-                config.vehicle,
+                self.world.body,
                 rates.control_s,
                 goal_rng,
             )

@@ -20,6 +20,7 @@ from simloop.geometry.se2 import wrap_angles
 from simloop.messages import Estimate, FloatArray, Health, Plan
 from simloop.scenario.scenario import Scenario
 from simloop.truth import TrackTruth, Truth
+from simloop.worlds.body import Body
 from simloop.worlds.floor_plan import FloorPlan
 from simloop.worlds.outline_gap import least_clearance
 
@@ -31,9 +32,10 @@ _NEES_PERIOD_NS = 100_000_000
 class RunMetrics:
     """Accumulates a run's messages (``offer``) and sums it up once it is over (``result``)."""
 
-    def __init__(self, scenario: Scenario, floor: FloorPlan) -> None:
+    def __init__(self, scenario: Scenario, floor: FloorPlan, body: Body) -> None:
         self._scenario = scenario
         self._floor = floor
+        self._body = body
         self._goal = scenario.goal
         self._last: Truth | None = None
         self._tracks: TrackTruth | None = None
@@ -124,7 +126,7 @@ class RunMetrics:
         if outcome == "reached" and shortest_m is not None:
             spl = shortest_m / max(path_m, shortest_m) if shortest_m > 0.0 else 1.0
         sim_time_s = (self._true_ns[-1] if self._true_ns else 0) / 1e9
-        clearance_m = least_clearance(self._floor, poses, self._scenario.config.vehicle)
+        clearance_m = least_clearance(self._floor, poses, self._body)
         return {
             "outcome": outcome,
             "sim_time_s": sim_time_s,
@@ -153,7 +155,7 @@ class RunMetrics:
 
     def _shortest_m(self) -> float | None:
         scenario = self._scenario
-        radius_m = scenario.config.vehicle.footprint_radius_m
+        radius_m = self._body.footprint_radius_m
         length_m = _shortest_m(self._floor, scenario.start[:2], self._goal, radius_m)
         return None if length_m is None else max(0.0, length_m - scenario.goal_tolerance_m)
 

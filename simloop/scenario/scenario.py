@@ -38,7 +38,7 @@ ARENA_FILES = (".xml", ".yaml", *_GAZEBO)
 class Clutter:
     """How many obstacles are drawn anew from the seed (see ``clutter.draw_clutter``).
 
-    unseen: the share of them that the LiDAR's plane misses (see ``clutter.out_of_plane``).
+    unseen: the share of them that the LiDAR's plane misses (see ``clutter.hide_from_lidar``).
     """
 
     count: Annotated[int, Field(ge=1, le=200)] = 12

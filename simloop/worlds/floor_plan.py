@@ -180,7 +180,7 @@ def is_passable(plan: FloorPlan, start: FloatArray, goal: FloatArray, radius_m: 
     x = plan.origin_m[0] + (np.arange(columns) + 0.5) * plan.resolution_m
     y = plan.origin_m[1] + (np.arange(rows) + 0.5) * plan.resolution_m
     centres = np.stack(np.meshgrid(x, y), axis=-1)
-    clearance = np.minimum(plan.distance_m, to_walls(centres, plan.bounds_m))
+    clearance = np.minimum(plan.distance_m, distance_to_bounds(centres, plan.bounds_m))
     free = clearance > radius_m + 0.5 * plan.resolution_m
     labels = np.asarray(ndimage.label(free)[0])
     cells = ((np.array([start, goal]) - plan.origin_m) / plan.resolution_m).astype(int)
@@ -190,6 +190,6 @@ def is_passable(plan: FloorPlan, start: FloatArray, goal: FloatArray, radius_m: 
     return bool(first == last and first != 0)
 
 
-def to_walls(points: FloatArray, bounds: FloatArray) -> FloatArray:
+def distance_to_bounds(points: FloatArray, bounds: FloatArray) -> FloatArray:
     """(...,) distance of points (..., 2) to the nearest side of the bounds, negative outside."""
     return np.minimum(points - bounds[:2], bounds[2:] - points).min(axis=-1)

@@ -14,12 +14,12 @@ from simloop.worlds.layout import Layout, box
 _MOST_BOXES = 5000
 
 
-def read_picture(yaml_file: Path) -> Layout:
+def read_map_world(yaml_file: Path) -> Layout:
     """Boxes that cover the occupied cells exactly; unknown is free. Raises InputError."""
     step, origin, odds = read_cells(yaml_file)
     rows, columns = odds.shape
     x0, y0 = origin.tolist()
-    found = rectangles(odds > 0.0)
+    found = tile_rectangles(odds > 0.0)
     if len(found) > _MOST_BOXES:
         raise InputError(
             f"{yaml_file}: {len(found):,} boxes would be needed, more than {_MOST_BOXES:,}: "
@@ -32,8 +32,8 @@ def read_picture(yaml_file: Path) -> Layout:
     return Layout((x0, y0, x0 + columns * step, y0 + rows * step), tuple(boxes))
 
 
-def rectangles(filled: NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:
-    """(row, column, beyond row, beyond column) of rectangles that tile the filled cells.
+def tile_rectangles(filled: NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:
+    """(row, column, beyond row, beyond column) of tile_rectangles that tile the filled cells.
 
     Greedy: each as wide as its row allows, then as high as the rows below it are filled.
     """

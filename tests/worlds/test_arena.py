@@ -12,12 +12,15 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from simloop.worlds.arena import arena_names, arena_path, bounds_of, build
-from simloop.worlds.cross_section import floor_plan, section_of_geom
+from simloop.worlds.body import Body
+from simloop.worlds.cross_section import floor_plan, section_of
 from simloop.worlds.floor_plan import BAND_M, Section, is_blocked, is_passable, rasterise
 from simloop.worlds.generators.clutter import draw_clutter
 from simloop.worlds.obstacles import Obstacle
+from simloop.worlds.solids import solid_of_model
 
 START, GOAL = np.zeros(2), np.array([3.6, 3.9])
+BODY = Body(0.49, 0.465, 0.2)
 ROOM = (-0.65, -0.55, 4.35, 4.45)
 LOOK = arena_path("open").parent / "assets" / "look.xml"
 
@@ -143,7 +146,7 @@ def test_a_section_is_what_the_solid_shows_between_two_heights(
     draw = np.random.default_rng(7).uniform(-0.35, 0.35, (40_000, 3)) + data.geom_xpos[0]
     draw[:, 2] = np.random.default_rng(8).uniform(*BAND_M, len(draw))
     seen = draw[in_solid(model, data, draw)][:, :2]
-    section = section_of_geom(model, data, 0, "it", BAND_M)
+    section = section_of(solid_of_model(model, data, 0), BAND_M)
     if section is None:
         assert len(seen) < 20  # at most a sliver, or it merely touches the band
         return
@@ -237,7 +240,7 @@ def test_impossible_obstacles_are_refused(
 
 @pytest.mark.parametrize("seed", range(12))
 def test_a_drawn_room_is_blocked_passable_and_leaves_room_to_turn(seed: int) -> None:
-    room = draw_clutter(np.random.default_rng(seed), START, GOAL, ROOM)
+    room = draw_clutter(np.random.default_rng(seed), START, GOAL, ROOM, BODY)
     plan = floor_plan(build("clutter", room))
     assert len(room) == 12
     assert is_blocked(plan, START, GOAL)
@@ -268,9 +271,9 @@ def test_an_arena_that_would_not_be_what_it_seems_is_refused(tmp_path, old, new,
 
 
 def test_a_seed_is_a_room() -> None:
-    first = draw_clutter(np.random.default_rng(4), START, GOAL, ROOM)
-    again = draw_clutter(np.random.default_rng(4), START, GOAL, ROOM)
-    other = draw_clutter(np.random.default_rng(5), START, GOAL, ROOM)
+    first = draw_clutter(np.random.default_rng(4), START, GOAL, ROOM, BODY)
+    again = draw_clutter(np.random.default_rng(4), START, GOAL, ROOM, BODY)
+    other = draw_clutter(np.random.default_rng(5), START, GOAL, ROOM, BODY)
     assert first == again
     assert first != other
 
@@ -278,17 +281,17 @@ def test_a_seed_is_a_room() -> None:
 def test_a_room_that_cannot_be_drawn_is_refused() -> None:
     rng = np.random.default_rng(0)
     with pytest.raises(ValueError, match="inside the walls"):
-        draw_clutter(rng, START, (4.3, 3.9), ROOM)
-    with pytest.raises(ValueError, match="so near that nothing"):
+        draw_clutter(rng, START, (4.3, 3.9), ROOM, BODY)
+    with pytest.raises(ValueError, match="so near that no obstacle"):
         # Nothing can stand between two ends so close that both need the room to turn.
-        draw_clutter(rng, START, (0.8, 0.0), ROOM, count=1)
+        draw_clutter(rng, START, (0.8, 0.0), ROOM, BODY, count=1)
     with pytest.raises(ValueError, match="no place for 60 obstacles: ask for fewer"):
-        draw_clutter(rng, START, GOAL, ROOM, count=60)
+        draw_clutter(rng, START, GOAL, ROOM, BODY, count=60)
 
 
 def test_what_is_drawn_keeps_clear_of_what_stands() -> None:
     there = Section("pillar", np.array([[1.5, 1.5], [2.5, 1.5], [2.5, 2.5], [1.5, 2.5]]))
-    room = draw_clutter(np.random.default_rng(3), START, GOAL, ROOM, 8, standing=[there])
+    room = draw_clutter(np.random.default_rng(3), START, GOAL, ROOM, BODY, 8, standing=[there])
     alone = rasterise([there], ROOM, 1.0)
     for item in room:
         for section in item.sections():

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from simloop.messages import FloatArray
-from simloop.worlds.floor_plan import FloorPlan, to_walls
+from simloop.worlds.floor_plan import FloorPlan, distance_to_bounds
 from simloop.worlds.movers.settings import Crowd, Mover
 
 _TRIALS = 500
@@ -93,5 +93,5 @@ def _clear(floor: FloorPlan, a: FloatArray, b: FloatArray, radius: float) -> boo
 
 def _room(floor: FloorPlan, places: FloatArray) -> float:
     """m from the nearest of places (..., 2) to what stands or to the floor's bounds."""
-    sides = to_walls(places, floor.bounds_m).min()
+    sides = distance_to_bounds(places, floor.bounds_m).min()
     return float(min(floor.clearance_m(places).min(), sides))

@@ -1,0 +1,83 @@
+"""The robot's true outline, read from its model; ``config.vehicle`` is what the robot believes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import mujoco
+import numpy as np
+
+from simloop.worlds.solids import solids_of_spec
+
+_DISCS = 3
+_DECIMALS = 6  # micrometres: what sums of decimal fractions leave beyond them is dropped
+_RADIUS_STEP_M = 0.01
+
+
+class Outline(Protocol):
+    """A rectangle centred on base_link, its length along x.
+
+    Attributes:
+        length_m: over all, m.
+        width_m: over all, m.
+    """
+
+    @property
+    def length_m(self) -> float: ...
+
+    @property
+    def width_m(self) -> float: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """What the robot truly is, for everything that judges or draws: never for the robot itself.
+
+    Attributes:
+        length_m: of the rectangle centred on base_link that holds all collision geoms, m.
+        width_m: of the same rectangle, m.
+        lidar_height_m: of the LiDAR's plane over the ground, m.
+    """
+
+    length_m: float
+    width_m: float
+    lidar_height_m: float
+
+    @property
+    def footprint_radius_m(self) -> float:
+        """Radius of three equal discs in a row that cover the outline, up to a whole cm, m."""
+        exact = math.hypot(0.5 * self.length_m / _DISCS, 0.5 * self.width_m)
+        # The rounding first keeps a radius of exactly 0.25 m from becoming 0.26 m.
+        return math.ceil(round(exact / _RADIUS_STEP_M, _DECIMALS)) / round(1.0 / _RADIUS_STEP_M)
+
+    @property
+    def turning_radius_m(self) -> float:
+        """From base_link to the corners: what it needs to turn on the spot, m."""
+        return math.hypot(0.5 * self.length_m, 0.5 * self.width_m)
+
+
+def body_of(spec: mujoco.MjSpec) -> Body:
+    """Reads the outline of the vehicle from its model, before or after compilation.
+
+    Lengths are rounded to the micrometre.
+
+    Args:
+        spec: a specification that holds the vehicle: the body ``base_link`` and the site ``lidar``.
+
+    Returns:
+        The outline and the LiDAR's height.
+    """
+    base = spec.body("base_link")
+    solids = solids_of_spec(spec, base, jointed=True)
+    # The rectangle is centred on base_link, so the farther of two opposite sides counts.
+    half_length, half_width = (
+        max(solid.reach_m(side * axis) for solid in solids for side in (-1.0, 1.0))
+        for axis in np.eye(3)[:2]
+    )
+    return Body(
+        round(2.0 * half_length, _DECIMALS),
+        round(2.0 * half_width, _DECIMALS),
+        round(float(spec.site("lidar").pos[2]), _DECIMALS),
+    )
