@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import string
+import typing
 from dataclasses import fields, is_dataclass
 
 import numpy as np
@@ -11,8 +12,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from simloop.common.errors import InputError
+from simloop.mapping.grid_map import GridMap
 from simloop.scenario.build import build_world, nearest
 from simloop.scenario.catalog import arena_files, planner_names, scenario_facts, scenario_files
+from simloop.scenario.explain import keys_at
 from simloop.scenario.load import apply_override, from_table, load
 from simloop.scenario.save import to_toml
 from simloop.scenario.scenario import Scenario
@@ -40,7 +43,7 @@ def test_every_scenario_loads_builds_and_survives_being_written(name, tmp_path):
     assert scenario.name == name and scenario_facts(scenario_files()[name])["title"]
     world = build_world(scenario)
     ends = np.array([scenario.start[:2], scenario.goal])
-    assert np.all(world.floor.clearance_m(ends) >= scenario.config.vehicle.footprint_radius_m)
+    assert np.all(world.floor.clearance_m(ends) >= world.body.footprint_radius_m)
     saved = write(tmp_path, to_toml(scenario, {"simloop": "0.1.0"}), "other_name.toml")
     assert load(saved) == scenario
 
@@ -241,6 +244,47 @@ def test_clutter_is_drawn_from_the_seed_alone():
 
     assert np.array_equal(outlines(3), outlines(3))
     assert outlines(3).shape != outlines(4).shape or not np.array_equal(outlines(3), outlines(4))
+
+
+def tables(holder=Scenario, location=()):
+    """(location, class) of every table that a scenario file may hold, at any depth."""
+    yield list(location), holder
+    for field in fields(holder):
+        inner = "" if field.name == "config" else field.name
+        for found in dataclasses_in(typing.get_type_hints(holder)[field.name]):
+            yield from tables(found, (*location, inner) if inner else location)
+
+
+def dataclasses_in(hint):
+    if is_dataclass(hint):
+        return [hint]
+    return [found for inner in typing.get_args(hint) for found in dataclasses_in(inner)]
+
+
+def test_an_unknown_key_is_answered_with_the_keys_of_its_own_table():
+    deep = [found for found in tables() if found[0]]
+    assert {len(location) for location, _ in deep} == {1, 2}
+    for location, holder in deep:
+        assert keys_at(location) == [field.name for field in fields(holder)]
+        # The same behind the index of a list, which pydantic puts between the keys.
+        assert keys_at([*location, 0]) == keys_at(location)
+    assert {"goal", "clutter", "planner", "rates"} <= set(keys_at([]))
+    assert "config" not in keys_at([])
+    assert keys_at(["goal"]) == keys_at(["clutter", "zones"]) == keys_at(["none"]) == []
+
+
+def test_a_prior_map_is_checked_without_building_its_grid(tmp_path, monkeypatch):
+    (tmp_path / "map.pgm").write_bytes(b"P5 4 1 255\n" + bytes([0, 255, 120, 180]))
+    file = tmp_path / "map.yaml"
+    file.write_text("image: map.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n")
+
+    def refused(*_):
+        raise AssertionError("the loader built a grid")
+
+    monkeypatch.setattr(GridMap, "of", refused)
+    assert load("open", [f'slam.prior_map="{file}"']).config.slam.prior_map == str(file)
+    (tmp_path / "map.pgm").write_bytes(b"P5 4 1 255\n")
+    assert "cut off" in error_of("open", [f'slam.prior_map="{file}"'])
 
 
 def test_nearest_names_what_stands_there():

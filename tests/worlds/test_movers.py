@@ -63,7 +63,7 @@ def test_what_is_wrong_with_a_mover_is_said_in_one_line(keys, line):
 @pytest.mark.parametrize("motion", ["constant", "walk", "pedestrian"])
 def test_movers_keep_to_the_free_floor_and_to_their_speed(motion):
     crowd = crowd_of(mover(motion, speed_mps=0.5), mover(motion, 4.0, 3.0, speed_mps=0.3))
-    before, way = crowd.place.copy(), np.zeros(2)
+    before, way = np.array([[1.0, 1.0], [4.0, 3.0]]), np.zeros(2)
     for _ in range(6000):
         after = crowd.step(None).copy()
         step = np.hypot(*(after - before).T)

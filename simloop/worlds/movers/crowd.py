@@ -68,11 +68,6 @@ class Crowd:
             if mover.keys_txy
         ]
 
-    @property
-    def place(self) -> FloatArray:
-        """(n, 2) where they are, x, y in map, m."""
-        return self._states.place
-
     def step(self, pose: FloatArray | None, touched: bool = False) -> FloatArray:
         """Moves everyone by one control period.
 
