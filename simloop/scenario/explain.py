@@ -31,7 +31,7 @@ def one_line(error: ValidationError) -> str:
 
 
 def _describe(detail: ErrorDetails) -> str:
-    """One error in a line. The sections of ``config`` stand at the top of a file, so it is dropped."""
+    """One error in a line, with its key as it stands in a file, where no ``config`` is written."""
     location = [part for part in detail["loc"] if part != "config"]
     key, kind, given = ".".join(map(str, location)), detail["type"], detail["input"]
     if kind in ("unexpected_keyword_argument", "extra_forbidden"):

@@ -17,18 +17,17 @@ _RADIUS_STEP_M = 0.01
 
 
 class Outline(Protocol):
-    """A rectangle centred on base_link, its length along x.
-
-    Attributes:
-        length_m: over all, m.
-        width_m: over all, m.
-    """
+    """A rectangle centred on base_link, its length along x."""
 
     @property
-    def length_m(self) -> float: ...
+    def length_m(self) -> float:
+        """Over all, m."""
+        ...
 
     @property
-    def width_m(self) -> float: ...
+    def width_m(self) -> float:
+        """Over all, m."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from simloop.common.errors import InputError
 from simloop.loop import Simulation
-from simloop.messages import GoalReading, MoverTracks, TrackCommand
+from simloop.messages import GoalReading, MapUpdate, MoverTracks, RobotStatus, TrackCommand
 from simloop.scenario.load import load
 from simloop.truth import LooseTruth
 from simloop.worlds.body import Body
@@ -181,12 +181,11 @@ def driven(volts, **more):
     scenario = replace(load("hall", ["time_limit_s=6", "start=[1.0,1.0,0.0]"]), movers=(one,))
     sim = Simulation(replace(scenario, crowd=None))
 
-    def hand(encoders, *_):
-        still = np.zeros(2)
-        return TrackCommand(encoders.t_ns, 0.0, 0.0, still, np.full(2, volts), "follow")
+    def hand(readings):
+        still, t_ns = np.zeros(2), readings.encoders.t_ns
+        return TrackCommand(t_ns, 0.0, 0.0, still, np.full(2, volts), "follow")
 
-    never = dict.fromkeys(("arrived", "lost", "unreachable", "gave_up"), False)
-    sim.robot = SimpleNamespace(step=hand, said=[], **never)
+    sim.robot = SimpleNamespace(step=hand, said=[], status=RobotStatus.DRIVING)
     return sim.run().metrics
 
 
@@ -238,11 +237,12 @@ def test_a_goal_that_walks_is_caught():
 
 def test_movers_are_kept_out_of_the_map():
     """What crosses the room for ten seconds leaves no trace of itself."""
-    sim = Simulation(load("hall", ["time_limit_s=12"], seed=4))
+    heard = []
+    sim = Simulation(load("hall", ["time_limit_s=12"], seed=4), listeners=[heard.append])
     sim.run()
-    slam, floor = sim.robot._slam, sim.world.floor
-    rows, columns = np.nonzero(slam.occupied)
-    centres = slam.origin_m + (np.stack([columns, rows], axis=1) + 0.5) * slam.resolution_m
+    last, floor = [m for m in heard if isinstance(m, MapUpdate)][-1], sim.world.floor
+    rows, columns = np.nonzero(last.log_odds > sim.scenario.config.slam.occupied_log_odds)
+    centres = last.origin_m + (np.stack([columns, rows], axis=1) + 0.5) * last.resolution_m
     inside = np.all((centres > 0.3) & (centres < 9.7), axis=1)
     ghosts = floor.clearance_m(centres[inside]) > 0.15
     assert ghosts.sum() < 60

@@ -110,7 +110,7 @@ def test_the_dead_ends_bar_the_straight_way_and_open_towards_the_start():
     ends = np.array([[0.8, 4.0], [9.2, 4.0]])
     for seed in range(10):
         rng = np.random.default_rng(seed)
-        things = mazes.dead_ends(rng, (0, 0, 10, 8), 2.5, 2, ends)
+        things = mazes.dead_ends(rng, 2.5, 2, ends)
         plan = rasterise([s for one in things for s in one.sections()], (0, 0, 10, 8))
         line = ends[0] + np.linspace(0, 1, 800)[:, None] * (ends[1] - ends[0])
         assert plan.clearance_m(line).min() < 0.0

@@ -132,7 +132,7 @@ def _gaps(g: Generator, rng: np.random.Generator, ends: np.ndarray) -> list[Obst
 
 
 def _utrap(g: Generator, rng: np.random.Generator, ends: np.ndarray) -> list[Obstacle]:
-    return mazes.dead_ends(rng, g.bounds_m, g.cell_m, g.count, ends)
+    return mazes.dead_ends(rng, g.cell_m, g.count, ends)
 
 
 _DRAW: dict[str, Callable[[Generator, np.random.Generator, np.ndarray], list[Obstacle]]] = {
