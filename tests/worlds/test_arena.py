@@ -15,7 +15,7 @@ from simloop.worlds.arena import arena_names, arena_path, bounds_of, build
 from simloop.worlds.body import Body
 from simloop.worlds.cross_section import floor_plan, section_of
 from simloop.worlds.floor_plan import BAND_M, Section, is_blocked, is_passable, rasterise
-from simloop.worlds.generators.clutter import draw_clutter
+from simloop.worlds.generators.clutter import draw_clutter, hide_from_lidar
 from simloop.worlds.obstacles import Obstacle
 from simloop.worlds.solids import solid_of_model
 
@@ -298,6 +298,20 @@ def test_what_is_drawn_keeps_clear_of_what_stands() -> None:
             assert alone.clearance_m(section.vertices_m).min() - section.radius_m > 0.0
     plan = rasterise([there, *(s for item in room for s in item.sections())], ROOM, 0.025)
     assert is_passable(plan, START, GOAL, 0.29)
+
+
+@pytest.mark.parametrize("lidar_m", [0.15, 0.2, 0.4])
+def test_hidden_obstacles_miss_the_lidars_plane_wherever_it_is(lidar_m):
+    room = draw_clutter(np.random.default_rng(2), START, GOAL, ROOM, BODY)
+    hidden = hide_from_lidar(np.random.default_rng(0), room * 20, 1.0, lidar_m)
+    tops = np.array([item.bottom_m + item.height_m for item in hidden])
+    bottoms = np.array([item.bottom_m for item in hidden])
+    below, above = tops < lidar_m, bottoms > lidar_m
+    assert np.all(below | above)
+    kinds = [below & (bottoms == 0.0), below & (bottoms > 0.0), above]
+    assert all(0.2 < kind.mean() < 0.5 for kind in kinds)
+    assert hide_from_lidar(np.random.default_rng(0), room, 0.0, lidar_m) == room
+    assert hide_from_lidar(np.random.default_rng(0), room, 0.5, lidar_m) != room
 
 
 def test_a_passage_is_as_wide_as_it_is() -> None:
