@@ -1,4 +1,4 @@
-"""Scenarios: read strictly, overridden by dotted keys, refused in one line, written back whole."""
+"""Scenario files: validation, overrides, errors in one line, and saving."""
 
 from __future__ import annotations
 

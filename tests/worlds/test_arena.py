@@ -1,4 +1,4 @@
-"""Arenas, true floor plans, and rooms drawn from a seed."""
+"""Arenas, true floor plans, and clutter that is drawn from a seed."""
 
 from __future__ import annotations
 
@@ -153,8 +153,8 @@ def test_a_section_is_what_the_solid_shows_between_two_heights(
     plan = rasterise([section], (-1.0, -1.0, 1.0, 1.0), 1.0)
     if len(seen):
         assert plan.clearance_m(seen).max() < 1e-3  # nothing sticks out
-    # Nothing is too large either: at every point 2 mm within the outline, the solid is there at
-    # some height. (It is all there is to ask: outline and solid are convex.)
+    # Nor is the outline too large: at every point 2 mm inside it, the solid is there at some
+    # height. That is enough, because outline and solid are convex.
     rim = rim_of(section)
     centre = rim.mean(axis=0)
     away = np.hypot(*(rim - centre).T)[:, None]

@@ -1,4 +1,4 @@
-"""What moves: how scenarios say it, how it truly goes, and who is to blame for a touch."""
+"""Movers: their settings, how they move, and who is to blame for a touch."""
 
 from __future__ import annotations
 
@@ -176,7 +176,7 @@ ROUND = ((0.0, 3.0, 1.0), (4.0, 1.3, 1.0), (40.0, 1.3, 1.0))
 
 
 def driven(volts, **more):
-    """A robot at (1, 1) that looks along x, driven by a hand, and a mover that comes to meet it."""
+    """A robot at (1, 1) that looks along x, at a fixed voltage, and a mover that comes towards it."""
     one = Mover(motion="path", keys_txy=ROUND, **more)
     scenario = replace(load("hall", ["time_limit_s=6", "start=[1.0,1.0,0.0]"]), movers=(one,))
     sim = Simulation(replace(scenario, crowd=None))

@@ -7,7 +7,16 @@ import numpy as np
 import pytest
 
 from simloop.common.data_files import models_dir
-from simloop.worlds.arena import arena_names, assemble, bounds_of, bounds_of_spec, compile_spec
+from simloop.scenario.build import build_world
+from simloop.scenario.load import load
+from simloop.worlds.arena import (
+    arena_names,
+    arena_path,
+    assemble,
+    bounds_of,
+    bounds_of_spec,
+    compile_spec,
+)
 from simloop.worlds.cross_section import floor_plan, sections_of_spec
 from simloop.worlds.floor_plan import rasterise
 from simloop.worlds.layout import Layout
@@ -67,6 +76,31 @@ def test_solids_reach_as_far_as_in_the_compiled_model():
             reach = read[built.name].reach_m(direction)
             assert reach == pytest.approx(built.reach_m(direction), abs=1e-6), built.name
     assert set(read) - {solid.name for solid in fixed} == {"z", "mesh", "loose", "loose_mesh"}
+
+
+def test_a_mesh_file_beside_an_arena_is_read_for_clutter_to_keep_clear_of(tmp_path):
+    room = arena_path("clutter").read_text()
+    look = arena_path("clutter").parent / "assets" / "look.xml"
+    mesh = '<asset><mesh name="hill" file="hill.obj"/></asset>'
+    geom = '<geom name="obstacle_hill" type="mesh" mesh="hill" pos="2 2 0" contype="1"/>'
+    room = room.replace("assets/look.xml", str(look)).replace("</worldbody>", f"{geom}</worldbody>")
+    (tmp_path / "room.xml").write_text(room.replace("</mujoco>", f"{mesh}</mujoco>"))
+    corners = [(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (0.0, 0.4)]
+    hill = "".join(f"v {x} {y} {z}\n" for x, y, z in corners)
+    faces = ("1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4")
+    (tmp_path / "hill.obj").write_text(hill + "".join(f"f {face}\n" for face in faces))
+    text = 'arena = "room.xml"\nstart = [0, 0, 0]\ngoal = [3.6, 3.9]\n[clutter]\ncount = 6\n'
+    (tmp_path / "mine.toml").write_text(text)
+    floor = build_world(load(tmp_path / "mine.toml")).floor
+    (stands,) = [s for s in floor.sections if s.name == "obstacle_hill"]
+    assert sorted(map(tuple, np.round(stands.vertices_m, 6))) == [
+        (1.5, 1.5), (1.5, 2.5), (2.5, 1.5), (2.5, 2.5)
+    ]  # fmt: skip
+    alone = rasterise([stands], floor.bounds_m, 1.0)
+    drawn = [s for s in floor.sections if s.name.startswith("obstacle_drawn_")]
+    assert len(drawn) >= 6
+    for section in drawn:
+        assert alone.clearance_m(section.vertices_m).min() - section.radius_m > 0.0
 
 
 LAYOUTS = [Layout(arena=name) for name in arena_names()] + [

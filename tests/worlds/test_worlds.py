@@ -1,4 +1,4 @@
-"""Worlds that are no MJCF: drawn, or read from others' files."""
+"""Worlds that are drawn from a seed, or read from map_server and Gazebo files."""
 
 from __future__ import annotations
 
