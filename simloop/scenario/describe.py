@@ -15,7 +15,7 @@ import numpy as np
 from simloop.common.data_files import models_dir
 from simloop.scenario.scenario import Scenario
 from simloop.worlds.arena import assemble, bounds_of_spec
-from simloop.worlds.body import Body, body_of
+from simloop.worlds.body import Body
 from simloop.worlds.cross_section import sections_of_spec
 from simloop.worlds.floor_plan import rasterise
 from simloop.worlds.gazebo_world import read_sdf
@@ -26,6 +26,7 @@ from simloop.worlds.map_server_world import read_map_world
 from simloop.worlds.mjcf_obstacles import add_obstacles
 from simloop.worlds.movers.random_crowd import draw_crowd
 from simloop.worlds.obstacles import Obstacle
+from simloop.worlds.vehicle_body import body_of
 
 # One random stream for each thing that is drawn: none shifts another, nor what the stages of a run
 # draw from the seed.

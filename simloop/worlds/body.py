@@ -1,4 +1,7 @@
-"""The robot's true outline, read from its model; ``config.vehicle`` is what the robot believes."""
+"""The robot's true outline; ``config.vehicle`` is what the robot believes of it.
+
+Scenario files are read without MuJoCo, so ``vehicle_body`` reads the outline from the model.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +9,8 @@ import math
 from dataclasses import dataclass
 from typing import Protocol
 
-import mujoco
-import numpy as np
-
-from simloop.worlds.solids import solids_of_spec
-
 _DISCS = 3
-_DECIMALS = 6  # micrometres: what sums of decimal fractions leave beyond them is dropped
+_DECIMALS = 6
 _RADIUS_STEP_M = 0.01
 
 
@@ -55,28 +53,3 @@ class Body:
     def turning_radius_m(self) -> float:
         """From base_link to the corners: what it needs to turn on the spot, m."""
         return math.hypot(0.5 * self.length_m, 0.5 * self.width_m)
-
-
-def body_of(spec: mujoco.MjSpec) -> Body:
-    """Reads the outline of the vehicle from its model, before or after compilation.
-
-    Lengths are rounded to the micrometre.
-
-    Args:
-        spec: a specification that holds the vehicle: the body ``base_link`` and the site ``lidar``.
-
-    Returns:
-        The outline and the LiDAR's height.
-    """
-    base = spec.body("base_link")
-    solids = solids_of_spec(spec, base, jointed=True)
-    # The rectangle is centred on base_link, so the farther of two opposite sides counts.
-    half_length, half_width = (
-        max(solid.reach_m(side * axis) for solid in solids for side in (-1.0, 1.0))
-        for axis in np.eye(3)[:2]
-    )
-    return Body(
-        round(2.0 * half_length, _DECIMALS),
-        round(2.0 * half_width, _DECIMALS),
-        round(float(spec.site("lidar").pos[2]), _DECIMALS),
-    )

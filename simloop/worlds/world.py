@@ -8,11 +8,12 @@ import mujoco
 
 from simloop.config import Config
 from simloop.worlds.arena import assemble, compile_spec
-from simloop.worlds.body import Body, body_of
+from simloop.worlds.body import Body
 from simloop.worlds.cross_section import floor_plan
 from simloop.worlds.floor_plan import FloorPlan
 from simloop.worlds.layout import Layout
 from simloop.worlds.movers.settings import Mover
+from simloop.worlds.vehicle_body import body_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)

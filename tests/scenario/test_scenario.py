@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import string
+import subprocess
+import sys
 import typing
 from dataclasses import fields, is_dataclass
 
@@ -190,6 +192,13 @@ def test_an_arena_of_ones_own_is_found_beside_the_scenario(tmp_path):
     scenario = load(write(tmp_path, MINIMAL.replace('"open"', '"room.xml"')))
     assert scenario.arena == str(tmp_path / "room.xml") and scenario.name == "mine"
     assert build_world(scenario).floor.contains([0.0, 0.0])
+
+
+def test_scenarios_are_read_without_mujoco():
+    """The import of MuJoCo is slow, and fails where MUJOCO_GL names what is not there."""
+    code = "import sys, simloop.scenario.load as l; l.load('maze'); print('mujoco' in sys.modules)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "False"
 
 
 NUMBERS = st.floats(-1e4, 1e4)

@@ -176,7 +176,7 @@ ROUND = ((0.0, 3.0, 1.0), (4.0, 1.3, 1.0), (40.0, 1.3, 1.0))
 
 
 def driven(volts, **more):
-    """A robot at (1, 1) that looks along x, at a fixed voltage, and a mover that comes towards it."""
+    """A robot at (1, 1) that looks along x, at a fixed voltage, and a mover that approaches it."""
     one = Mover(motion="path", keys_txy=ROUND, **more)
     scenario = replace(load("hall", ["time_limit_s=6", "start=[1.0,1.0,0.0]"]), movers=(one,))
     sim = Simulation(replace(scenario, crowd=None))

@@ -13,8 +13,9 @@ from simloop.scenario.build import build_world
 from simloop.scenario.describe import describe
 from simloop.scenario.load import load
 from simloop.worlds.arena import assemble
-from simloop.worlds.body import Body, body_of
+from simloop.worlds.body import Body
 from simloop.worlds.layout import Layout
+from simloop.worlds.vehicle_body import body_of
 
 SMALL = "vehicle.width_m=0.2"
 
