@@ -99,7 +99,7 @@ class Simulation:
         self.robot = Robot(
             config, mission, laser, random.planner, self.profiler, camera, laser_height_m
         )
-        self.metrics = RunMetrics(scenario, self.world.floor)
+        self.metrics = RunMetrics(scenario, self.world.floor, self.world.body)
         self._referee = Referee(scenario.goal_tolerance_m, scenario.time_limit_s, goal.moves)
         self._listeners: list[Listener] = [self.metrics.offer, *listeners]
         self._step = self.profiler.wrap("plant", self.plant.step)

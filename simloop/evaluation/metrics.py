@@ -21,6 +21,7 @@ from simloop.geometry.se2 import wrap_angles
 from simloop.messages import Estimate, FloatArray, Health, Plan
 from simloop.scenario.scenario import Scenario
 from simloop.truth import TrackTruth, Truth
+from simloop.worlds.body import Body
 from simloop.worlds.floor_plan import FloorPlan
 from simloop.worlds.outline_gap import least_clearance
 
@@ -30,15 +31,17 @@ _NEES_PERIOD_NS = 100_000_000
 class RunMetrics:
     """Collects the messages of a run and computes its figures once it is over."""
 
-    def __init__(self, scenario: Scenario, floor: FloorPlan) -> None:
+    def __init__(self, scenario: Scenario, floor: FloorPlan, body: Body) -> None:
         """Prepare for one run.
 
         Args:
             scenario: What is run.
             floor: True floor plan, for clearance and shortest path.
+            body: True outline of the vehicle.
         """
         self._scenario = scenario
         self._floor = floor
+        self._body = body
         self._goal = scenario.goal
         self._last: Truth | None = None
         self._tracks: TrackTruth | None = None
@@ -142,7 +145,7 @@ class RunMetrics:
         spl = 0.0
         if outcome.success and shortest_m is not None:
             spl = shortest_m / max(path_m, shortest_m) if shortest_m > 0.0 else 1.0
-        clearance_m = least_clearance(self._floor, poses, self._scenario.config.vehicle)
+        clearance_m = least_clearance(self._floor, poses, self._body)
         return {
             "path_length_m": path_m,
             "shortest_path_m": shortest_m,
@@ -168,7 +171,7 @@ class RunMetrics:
         nearer to the start.
         """
         scenario = self._scenario
-        radius_m = scenario.config.vehicle.footprint_radius_m
+        radius_m = self._body.footprint_radius_m
         length_m = _shortest_m(self._floor, scenario.start[:2], self._goal, radius_m)
         return None if length_m is None else max(0.0, length_m - scenario.goal_tolerance_m)
 

@@ -1,1 +1,1 @@
-"""TODO."""
+"""A run described: scenario files, their errors, and the world that they describe."""

@@ -1,4 +1,4 @@
-"""What can be chosen by name, found without importing anything slow."""
+"""What can be chosen by name, listed without slow imports such as MuJoCo."""
 
 from __future__ import annotations
 
@@ -10,21 +10,40 @@ from simloop.planners import registry
 
 
 def scenario_files() -> dict[str, Path]:
-    """The scenarios that come with the package: name -> file."""
+    """The scenarios that come with the package.
+
+    Returns:
+        Name -> file, in alphabetical order.
+    """
     return {path.stem: path for path in sorted(paths.scenarios_dir().glob("*.toml"))}
 
 
 def arena_files() -> dict[str, Path]:
-    """The arenas that come with the package: name -> MJCF file."""
+    """The arenas that come with the package.
+
+    Returns:
+        Name -> MJCF file, in alphabetical order.
+    """
     return {path.stem: path for path in sorted((paths.models_dir() / "arenas").glob("*.xml"))}
 
 
 def planner_names() -> tuple[str, ...]:
-    """The names that ``planner.name`` may have."""
+    """The names that ``planner.name`` may have.
+
+    Returns:
+        The names of the registered planners.
+    """
     return registry.available()
 
 
 def scenario_facts(path: Path) -> dict[str, str]:
-    """title, description and arena of a scenario file that comes with the package."""
+    """What a list of scenarios shows of one.
+
+    Args:
+        path: a scenario file that comes with the package.
+
+    Returns:
+        Its ``title``, ``description`` and ``arena``; "" for what it does not say.
+    """
     table = tomllib.loads(path.read_text(encoding="utf-8"))
     return {key: str(table.get(key, "")) for key in ("title", "description", "arena")}

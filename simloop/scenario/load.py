@@ -1,4 +1,4 @@
-"""Loads scenarios from files and overrides."""
+"""Loads scenarios from TOML files and from overrides on the command line."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from simloop.common.errors import InputError, did_you_mean
-from simloop.config import Config
-from simloop.mapping.map_files import load_map
+from simloop.common.map_server import read_cells
+from simloop.config import MOVED_KEYS, Config
 from simloop.planners import registry
 from simloop.scenario.catalog import arena_files, planner_names, scenario_files
-from simloop.scenario.explain import _clip, _first_line, _short
+from simloop.scenario.explain import one_line, short_value, shorten
 from simloop.scenario.scenario import ARENA_FILES, Scenario
 
 _BARE_WORD = re.compile(r"[A-Za-z_./][A-Za-z0-9_\-./]*\Z")
@@ -32,18 +32,28 @@ def load(
     seed: int | None = None,
     planner: str | None = None,
 ) -> Scenario:
-    """Read, override and validate a scenario.
+    """Reads a scenario, applies overrides and validates the result.
 
-    overrides: ``key=value`` strings, dotted keys, values as in TOML (a bare word is a string).
-    Raises InputError, one line, for whatever is wrong with any of them.
+    Args:
+        name_or_path: a scenario that comes with the package, or a file.
+        overrides: ``key=value`` texts with dotted keys; values as in TOML, or a bare word.
+        seed: replaces the scenario's seed.
+        planner: replaces the name of the planner.
+
+    Returns:
+        The scenario, with full paths of all files it names.
+
+    Raises:
+        InputError: in one line, for whatever is wrong with any of them.
     """
     file = resolve(name_or_path)
     table = read_toml(file)
     table.setdefault("name", file.stem)
-    _place_files(table, file.parent)
+    _move_old_keys(table, str(name_or_path))
+    _make_paths_full(table, file.parent)
     for text in overrides:
         apply_override(table, text)
-    _place_files(table, Path.cwd())  # whoever writes it on the command line means it from there
+    _make_paths_full(table, Path.cwd())  # files in overrides are relative to where one stands
     if seed is not None:
         table["seed"] = seed
     if planner is not None:
@@ -53,8 +63,22 @@ def load(
     return scenario
 
 
-def _place_files(table: dict[str, Any], folder: Path) -> None:
-    """Make an arena that is given as a file, and images, full paths, in place; full ones stay."""
+def _move_old_keys(table: dict[str, Any], source: str) -> None:
+    """Puts the values of keys of older versions under the keys that they are now, in place."""
+    for old, new in MOVED_KEYS.items():
+        section, _, key = old.partition(".")
+        holder = table.get(section)
+        if not isinstance(holder, dict) or key not in holder:
+            continue
+        new_section, _, new_key = new.partition(".")
+        target = table.setdefault(new_section, {})
+        if not isinstance(target, dict) or new_key in target:
+            raise InputError(f"{source}: {old} is now {new}: give only one of them")
+        target[new_key] = holder.pop(key)
+
+
+def _make_paths_full(table: dict[str, Any], folder: Path) -> None:
+    """Turns the files that the tables name into full paths, in place; full paths stay."""
     arena = table.get("arena")
     if isinstance(arena, str) and arena.endswith(ARENA_FILES):
         table["arena"] = _full_path(folder, arena)
@@ -69,14 +93,25 @@ def _place_files(table: dict[str, Any], folder: Path) -> None:
 
 
 def _full_path(folder: Path, name: str) -> str:
+    """The path of a file that is named relative to a folder."""
     try:
         return str((folder / name).resolve())
     except (OSError, RuntimeError, ValueError) as error:  # a null byte, a loop of links
-        raise InputError(f"{_short(name)}: cannot be the name of a file: {error}") from None
+        raise InputError(f"{short_value(name)}: cannot be the name of a file: {error}") from None
 
 
 def resolve(name_or_path: str | Path) -> Path:
-    """The file of a scenario given by name or by path."""
+    """The file of a scenario.
+
+    Args:
+        name_or_path: a scenario that comes with the package, or a file.
+
+    Returns:
+        The file.
+
+    Raises:
+        InputError: if there is none; it lists the names.
+    """
     text, known = str(name_or_path), scenario_files()
     if text in known:
         return known[text]
@@ -90,7 +125,17 @@ def resolve(name_or_path: str | Path) -> Path:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """The tables of a TOML file; the versions that a saved run carries are left out."""
+    """The tables of a scenario file.
+
+    Args:
+        path: of a TOML file; the table ``versions`` of a saved run is left out.
+
+    Returns:
+        The tables as they stand in the file, not validated.
+
+    Raises:
+        InputError: if the file cannot be read or is not TOML.
+    """
     try:
         table = tomllib.loads(path.read_bytes().decode("utf-8"))
     except OSError as error:
@@ -106,9 +151,18 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def apply_override(table: dict[str, Any], text: str) -> None:
-    """Set one key of the tables in place from ``a.b=value``; lists are reached by index."""
+    """Sets one key of the tables, in place.
+
+    Args:
+        table: the tables of a scenario file.
+        text: ``a.b=value``; elements of lists are reached by their index, as in ``goal.0=3``.
+
+    Raises:
+        InputError: if the text is not of this form, or leads through something that is no table.
+    """
     key, equals, value = text.partition("=")
-    text = _clip(text)
+    text = shorten(text)
+    key = MOVED_KEYS.get(".".join(part.strip() for part in key.split(".")), key)
     parts = [part.strip() for part in key.split(".")]
     if not equals or not all(parts):
         raise InputError(f"--set {text}: write it as key=value, e.g. --set goal=[3.0,2.5]")
@@ -119,7 +173,18 @@ def apply_override(table: dict[str, Any], text: str) -> None:
 
 
 def parse_value(value: str, text: str) -> Any:
-    """A TOML value; a bare word, which TOML does not know, is taken as a string."""
+    """Reads a value from the command line.
+
+    Args:
+        value: as in TOML, or a bare word, which is taken as a string.
+        text: the whole override, for the error.
+
+    Returns:
+        The value.
+
+    Raises:
+        InputError: if it is neither.
+    """
     try:
         parsed = tomllib.loads(f"value = {value}")
     except (ValueError, RecursionError):
@@ -134,7 +199,18 @@ def parse_value(value: str, text: str) -> Any:
 
 
 def from_table(table: Mapping[str, Any], *, source: str) -> Scenario:
-    """Validate the tables of a scenario file. source: what an error calls them."""
+    """Validates the tables of a scenario file.
+
+    Args:
+        table: the scenario's own keys and the sections of ``Config``.
+        source: what an error text calls them, such as the file's name.
+
+    Returns:
+        The scenario. The names of arena and planner are not checked yet.
+
+    Raises:
+        InputError: in one line, with the key and the choices.
+    """
     sections = {field.name for field in fields(Config)}
     own = {field.name for field in fields(Scenario)} - {"config"}
     for key in table:
@@ -144,10 +220,10 @@ def from_table(table: Mapping[str, Any], *, source: str) -> Scenario:
     data = {key: value for key, value in table.items() if key in own}
     data["config"] = {key: value for key, value in table.items() if key in sections}
     try:
-        # JSON, because strictness about types then still lets a list be a tuple.
+        # By way of JSON, strict validation still accepts a list where a tuple is expected.
         return _adapter().validate_json(json.dumps(data, default=str), strict=True)
     except ValidationError as error:
-        raise InputError(f"{source}: {_first_line(error)}") from None
+        raise InputError(f"{source}: {one_line(error)}") from None
 
 
 @cache
@@ -156,7 +232,7 @@ def _adapter() -> TypeAdapter[Scenario]:
 
 
 def _check_names(scenario: Scenario, *, source: str) -> None:
-    """Refuse an arena or a planner that does not exist, with the choices."""
+    """Raises InputError for an arena, planner or prior map that cannot be used."""
     name, arena = scenario.config.planner.name, scenario.arena
     if name not in planner_names():
         hint = did_you_mean(name, planner_names())
@@ -167,9 +243,11 @@ def _check_names(scenario: Scenario, *, source: str) -> None:
         except ValueError as error:
             raise InputError(f"{source}: planner.options: {error}") from None
     if scenario.config.slam.prior_map:
-        load_map(Path(scenario.config.slam.prior_map), scenario.config.slam)
+        # Only for its errors: whatever is wrong is said before anything runs. The grid with its
+        # search fields is built by the robot alone.
+        read_cells(Path(scenario.config.slam.prior_map))
     elif not scenario.config.slam.extend_map:
-        raise InputError(f"{source}: slam.extend_map: false needs a slam.prior_map to go by")
+        raise InputError(f"{source}: slam.extend_map: false needs a slam.prior_map")
     if arena.endswith(ARENA_FILES):
         if not Path(arena).is_file():
             raise InputError(f"{source}: arena: no such file: {arena}")
@@ -179,6 +257,7 @@ def _check_names(scenario: Scenario, *, source: str) -> None:
 
 
 def _descend(node: Any, part: str, where: str) -> Any:
+    """The table or value under a key or index; a missing table is made."""
     if isinstance(node, dict):
         return node.setdefault(part, {})
     if isinstance(node, list):

@@ -1,4 +1,4 @@
-"""Saves scenarios as TOML."""
+"""Saves scenarios as TOML, with every key and its effective value."""
 
 from __future__ import annotations
 
@@ -11,14 +11,29 @@ from simloop.scenario.scenario import Scenario
 
 
 def to_table(scenario: Scenario) -> dict[str, Any]:
-    """The inverse of ``from_table``: every key with its effective value."""
+    """The tables of a scenario: the inverse of ``load.from_table``.
+
+    Args:
+        scenario: any scenario.
+
+    Returns:
+        Every key with its effective value; what is None is left out.
+    """
     table = asdict(scenario)
     sections = table.pop("config")
     return {key: value for key, value in table.items() if value is not None} | sections
 
 
 def to_toml(scenario: Scenario, versions: Mapping[str, str] | None = None) -> str:
-    """The effective scenario as TOML that ``load`` reads back to an equal one."""
+    """A scenario as TOML, which ``load`` reads back to an equal scenario.
+
+    Args:
+        scenario: any scenario.
+        versions: of the packages that were used, as a table of its own.
+
+    Returns:
+        The text of the file.
+    """
     table = to_table(scenario)
     if versions:
         table["versions"] = dict(versions)
@@ -46,7 +61,7 @@ def _toml_value(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        # JSON's escapes are TOML's too, but for DEL, which JSON leaves as it is.
+        # JSON escapes what TOML wants escaped, except DEL.
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, int | float):
         return repr(value)

@@ -1,8 +1,8 @@
-"""A scenario: where the robot starts, where it shall go, through what, and every setting.
+"""A scenario: start, goal, world, and every setting of one run.
 
 A scenario file is TOML: the scenario's own keys at the top, then one table for each section
-of ``Config`` whose defaults it changes. All that is wrong in it ends as one line that names
-the file, the key and the choices.
+of ``Config`` whose defaults it changes. An error in it is reported in one line with the file, the
+key and the choices.
 """
 
 from __future__ import annotations
@@ -36,9 +36,11 @@ ARENA_FILES = (".xml", ".yaml", *_GAZEBO)
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Clutter:
-    """How many obstacles are drawn anew from the seed (see ``clutter.draw_clutter``).
+    """Obstacles that are drawn from the seed (see ``worlds.generators.clutter``).
 
-    unseen: the share of them that the LiDAR's plane misses (see ``clutter.out_of_plane``).
+    Attributes:
+        count: how many.
+        unseen: the share of them that the LiDAR's plane misses, 0 to 1.
     """
 
     count: Annotated[int, Field(ge=1, le=200)] = 12
@@ -47,12 +49,31 @@ class Clutter:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Scenario:
-    """One run, wholly described: the same scenario gives the same run.
+    """One run, described completely: equal scenarios give equal runs.
 
-    arena: a name, or a file, relative to the scenario's: MJCF (``.xml``), a map_server map
-    (``.yaml``), a Gazebo world (``.world``, ``.sdf``). start: (3,) x, y, yaw of base_link in map,
-    m, m, rad. goal: (2,) m. bounds_m: x_min, y_min, x_max, y_max of the arena ``field``, or of a
-    Gazebo world. may_be_closed_off: a goal to which no way leads is not refused, but run for.
+    Attributes:
+        name: of the scenario; the file's name unless given.
+        start: (3,) x, y, yaw of base_link in map, m, m, rad.
+        goal: (2,) x, y in map, m.
+        arena: a name, or a file relative to the scenario's: MJCF (``.xml``), a map_server map
+            (``.yaml``), or a Gazebo world (``.world``, ``.sdf``).
+        title: a few words for lists and pictures.
+        description: a sentence or two.
+        seed: of every random draw.
+        time_limit_s: simulated time after which the run ends, s.
+        goal_tolerance_m: distance from the goal within which it counts as reached, m.
+        obstacles: added to the arena's own.
+        clutter: further obstacles, drawn from the seed.
+        generator: a whole world, drawn from the seed, instead of an arena.
+        bounds_m: x_min, y_min, x_max, y_max of the arena ``field``, or of a Gazebo world, m.
+        may_be_closed_off: whether a goal that cannot be reached is accepted.
+        terrain: ground that is not flat.
+        loose: things that may be pushed.
+        movers: what moves by itself.
+        crowd: further movers, drawn from the seed.
+        goal_motion: how the goal moves, if it does.
+        faults: what goes wrong during the run.
+        config: every setting of robot, sensors and physics.
     """
 
     name: str
@@ -79,13 +100,13 @@ class Scenario:
 
     @property
     def drawn(self) -> bool:
-        """Whether another seed is another world."""
+        """Whether another seed gives another world."""
         return any(part is not None for part in (self.clutter, self.generator, self.crowd))
 
     @model_validator(mode="after")
     def _has_one_floor(self) -> Scenario:
         if self.generator is not None and self.arena != "field":
-            raise reject("generator: draws a world of its own; leave out arena")
+            raise reject("generator: draws a world of its own, so leave out arena")
         if self.bounds_m is not None:
             sized = self.arena == "field" or self.arena.endswith(_GAZEBO)
             if not sized or self.generator is not None:

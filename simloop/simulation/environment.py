@@ -30,7 +30,7 @@ class Goal:
                 scenario.goal_motion,
                 scenario.goal,
                 world.floor,
-                config.vehicle,
+                world.body,
                 config.rates.control_s,
                 rng,
             )
@@ -73,7 +73,7 @@ class Environment:
         self._crowd: Crowd | None = None
         if world.movers:
             self._crowd = Crowd(
-                world.movers, world.floor, config.vehicle, config.rates.control_s, random.movers
+                world.movers, world.floor, world.body, config.rates.control_s, random.movers
             )
 
     def step(self, plant: Plant, truth: Truth) -> None:

@@ -1,4 +1,4 @@
-"""Worlds that are no MJCF: drawn from a seed, or read from others' files.
+"""Worlds: what stands and moves, as a description (``layout``) and compiled (``world``).
 
-[generator], map.yaml, room.world -> Layout (bounds, obstacles) -> arena.build
+A generator, a map, a Gazebo world or an MJCF arena -> Layout -> compile_world -> World
 """

@@ -1,8 +1,9 @@
-"""Arenas: MJCF worlds, the vehicle in them, and what is truly there.
+"""Arenas: MJCF worlds, the vehicle in them, and what a layout adds to them.
 
-An arena file is a world alone. Its floor is named ``floor``, its walls ``wall_*``, what stands in
-it ``obstacle_*``, all in geom group 0, which is what the LiDAR sees; the vehicle's visuals are in
-group 2 and its collision geoms in group 3. The numeric ``bounds`` gives the free space.
+An arena file is a world without a vehicle. Its floor is a geom named ``floor``, its walls are named
+``wall_*``, its obstacles ``obstacle_*``, all in geom group 0, which the LiDAR sees. The vehicle's
+visual geoms are in group 2 and its collision geoms in group 3. The numeric ``bounds`` gives the
+free space.
 """
 
 from __future__ import annotations
@@ -19,25 +20,36 @@ from simloop.common.data_files import models_dir
 from simloop.config import PayloadConfig
 from simloop.messages import FloatArray
 from simloop.physics.vehicle_geoms import SEEN_GROUPS
+from simloop.worlds.layout import Layout
 from simloop.worlds.mjcf_ground import add_loose, add_movers, add_terrain
-from simloop.worlds.movers.settings import Mover
+from simloop.worlds.mjcf_obstacles import add_obstacles
 from simloop.worlds.obstacles import Obstacle
 from simloop.worlds.terrain import Loose, Terrain
 
-_MATERIALS = ("oak", "teal", "brick", "mustard", "slate", "sage", "plum")
 _OVERLAP_M = 0.001
 _RIM_M = 0.2  # of floor beyond the bounds, for walls to stand on
 
 
 def arena_names() -> list[str]:
-    """The arenas that come with the package, in alphabetical order."""
+    """The arenas that come with the package.
+
+    Returns:
+        Their names in alphabetical order.
+    """
     return sorted(path.stem for path in (models_dir() / "arenas").glob("*.xml"))
 
 
 def arena_path(arena: str | Path) -> Path:
-    """The MJCF file of an arena, given by name or as a path ending in ``.xml``.
+    """The MJCF file of an arena.
 
-    Raises ValueError, which lists the names, for an unknown one.
+    Args:
+        arena: a name, or a path ending in ``.xml``.
+
+    Returns:
+        The file.
+
+    Raises:
+        ValueError: for a file that does not exist, or an unknown name; it lists the names.
     """
     if str(arena).endswith(".xml"):
         path = Path(arena)
@@ -49,6 +61,61 @@ def arena_path(arena: str | Path) -> Path:
     return models_dir() / "arenas" / f"{arena}.xml"
 
 
+def assemble(layout: Layout, friction: float = 0.6) -> mujoco.MjSpec:
+    """The specification of a world: arena, vehicle and all that the layout adds, not compiled.
+
+    Args:
+        layout: what stands and moves.
+        friction: of the tracks; it decides which terrain can be climbed and counts as ground.
+
+    Returns:
+        The specification. The vehicle's names are those of its own file; it stands at the origin.
+
+    Raises:
+        ValueError: for an unknown arena, a file that MuJoCo does not accept, or an arena with
+            geoms or joints that robot and judge would not agree on.
+    """
+    path = arena_path(layout.arena)
+    try:
+        world = _with_vehicle(path)
+        _check_arena(world)
+        if layout.bounds_m is not None:
+            _resize(world, np.array(layout.bounds_m, np.float64))
+        add_obstacles(world, layout.obstacles)
+        if layout.terrain is not None:
+            add_terrain(world, layout.terrain, friction)
+        add_loose(world, layout.loose)
+        add_movers(world, layout.movers)
+    except (ValueError, mujoco.FatalError) as error:
+        raise _named(path, error) from error
+    return world
+
+
+def compile_spec(
+    world: mujoco.MjSpec, timestep_s: float = 0.002, payload: PayloadConfig | None = None
+) -> mujoco.MjModel:
+    """Compiles an assembled world.
+
+    Args:
+        world: what ``assemble`` returned; payload and options are set in it.
+        timestep_s: the physics step, s.
+        payload: a load on the chassis, if any.
+
+    Returns:
+        The compiled model.
+
+    Raises:
+        ValueError: in one line, where MuJoCo refuses the world.
+    """
+    if payload is not None:
+        add_payload(world, payload)
+    _set_options(world, timestep_s)
+    try:
+        return world.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise _named(Path(f"{world.modelname}.xml"), error) from error
+
+
 def build(
     arena: str | Path,
     obstacles: Sequence[Obstacle] = (),
@@ -57,48 +124,84 @@ def build(
     terrain: Terrain | None = None,
     loose: Sequence[Loose] = (),
     friction: float = 0.6,
-    bounds: Sequence[float] | None = None,
-    movers: Sequence[Mover] = (),
 ) -> mujoco.MjModel:
-    """The arena with the vehicle at its origin, further obstacles and ground, compiled.
+    """An arena with the vehicle at its origin and further things in it, compiled.
 
-    friction: of the tracks, which decides what terrain can be climbed (see ``ground``). bounds:
-    (4,) x_min, y_min, x_max, y_max that the arena's floor gets instead of its own.
+    Args:
+        arena: a name, or the path of an MJCF file.
+        obstacles: added to the arena's own.
+        timestep_s: the physics step, s.
+        payload: a load on the chassis, if any.
+        terrain: ground that is not flat, if any.
+        loose: things that may be pushed.
+        friction: of the tracks; it decides which terrain can be climbed and counts as ground.
 
-    The vehicle's names stay as they are in its own file. Raises ValueError for an unknown arena
-    or a file that MuJoCo does not take.
+    Returns:
+        The compiled model.
+
+    Raises:
+        ValueError: for an unknown arena, or a file that MuJoCo does not accept.
     """
-    path = arena_path(arena)
-    try:
-        world = _with_vehicle(path)
-        _check_arena(world)
-        if bounds is not None:
-            _resize(world, np.array(bounds, np.float64))
-        for number, obstacle in enumerate(obstacles, start=1):
-            _add_obstacle(world, f"obstacle_drawn_{number:02d}", obstacle, number)
-        if terrain is not None:
-            add_terrain(world, terrain, friction)
-        add_loose(world, loose)
-        add_movers(world, movers)
-        if payload is not None:
-            add_payload(world, payload)
-        _set_options(world, timestep_s)
-        return world.compile()
-    except (ValueError, mujoco.FatalError) as error:
-        raise ValueError(f"{path.name}: {' '.join(str(error).split())}") from error
+    layout = Layout(None, tuple(obstacles), str(arena), terrain, tuple(loose))
+    return compile_spec(assemble(layout, friction), timestep_s, payload)
 
 
 def bounds_of(model: mujoco.MjModel) -> FloatArray:
-    """(4,) x_min, y_min, x_max, y_max of the arena's free space. Raises ValueError if not given."""
+    """The bounds of the free space in a compiled world.
+
+    Args:
+        model: the compiled world.
+
+    Returns:
+        (4,) x_min, y_min, x_max, y_max in map, m.
+
+    Raises:
+        ValueError: if the arena gives none.
+    """
     index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, "bounds")
-    if index < 0 or model.numeric_size[index] != 4:
-        raise ValueError("the arena has no numeric 'bounds' of four figures")
-    start = model.numeric_adr[index]
-    return np.array(model.numeric_data[start : start + 4], dtype=np.float64)
+    if index < 0:
+        return _checked_bounds(np.zeros(0))
+    start, count = model.numeric_adr[index], model.numeric_size[index]
+    return _checked_bounds(model.numeric_data[start : start + count])
+
+
+def bounds_of_spec(world: mujoco.MjSpec) -> FloatArray:
+    """The bounds of the free space in a world that is not compiled yet.
+
+    Args:
+        world: the specification.
+
+    Returns:
+        (4,) x_min, y_min, x_max, y_max in map, m.
+
+    Raises:
+        ValueError: if the arena gives none.
+    """
+    numeric = world.numeric("bounds")
+    return _checked_bounds(np.zeros(0) if numeric is None else np.array(list(numeric.data)))
+
+
+def _checked_bounds(numbers: FloatArray) -> FloatArray:
+    if len(numbers) != 4:
+        raise ValueError("the arena has no numeric 'bounds' of four numbers")
+    return np.array(numbers, dtype=np.float64)
+
+
+def _named(path: Path, error: Exception) -> ValueError:
+    """The error in one line that begins with the arena's file."""
+    return ValueError(f"{path.name}: {' '.join(str(error).split())}")
 
 
 def overlaps(model: mujoco.MjModel, start: Sequence[float] | FloatArray) -> list[tuple[str, str]]:
-    """Pairs of geoms, one of them loose, that begin inside one another or in the robot's place."""
+    """Pairs of geoms, one of them loose or moving, that overlap at the start.
+
+    Args:
+        model: the compiled world.
+        start: (3,) x, y, yaw of base_link in map, m, m, rad.
+
+    Returns:
+        The names of both geoms of each pair; the vehicle's geoms are called "the robot".
+    """
     data = mujoco.MjData(model)
     base = model.body("base_link")
     at = int(model.jnt_qposadr[base.jntadr[0]])
@@ -118,7 +221,8 @@ def overlaps(model: mujoco.MjModel, start: Sequence[float] | FloatArray) -> list
 
 
 def _with_vehicle(path: Path) -> mujoco.MjSpec:
-    """Both files in one world, as includes: MuJoCo warns of attaching without a prefix."""
+    """The arena and the vehicle in one world."""
+    # Includes, because MuJoCo warns of attaching without a prefix.
     models = models_dir()
     files = (path.resolve(), models / "tracked_ugv.xml")
     includes = "".join(f"<include file={quoteattr(str(file))}/>" for file in files)
@@ -126,16 +230,16 @@ def _with_vehicle(path: Path) -> mujoco.MjSpec:
     meshes = {f"assets/{file.name}": file.read_bytes() for file in assets}
     world = mujoco.MjSpec.from_string(f"<mujoco>{includes}</mujoco>", assets=meshes)
     world.modelname, world.modelfiledir = path.stem, str(path.resolve().parent)
-    # The plane and the light by which the vehicle's own file can be opened alone.
+    # Plane and light are there so that the vehicle's own file can be opened alone.
     world.delete(world.geom("ground"))
     world.delete(world.light("ground_light"))
-    # It lists the joints of the vehicle alone.
+    # The keyframe holds the vehicle's joints only, not those of loose things.
     world.delete(world.key("home"))
     return world
 
 
 def _resize(world: mujoco.MjSpec, bounds: FloatArray) -> None:
-    """Give the floor other bounds (4,), and the camera a place from which all of it is seen."""
+    """Gives the floor other bounds (4,), and moves the overview camera so that it sees them."""
     middle, half = 0.5 * (bounds[:2] + bounds[2:]), 0.5 * (bounds[2:] - bounds[:2])
     world.numeric("bounds").data = bounds
     floor = world.geom("floor")
@@ -148,7 +252,12 @@ def _resize(world: mujoco.MjSpec, bounds: FloatArray) -> None:
 
 
 def add_payload(world: mujoco.MjSpec, payload: PayloadConfig) -> None:
-    """A small, dense body fixed to the chassis; it is not seen, and touches nothing."""
+    """Adds a load to the chassis: a small, dense body that is not seen and touches nothing.
+
+    Args:
+        world: the specification with the vehicle.
+        payload: mass and place; a mass of 0 adds nothing.
+    """
     if payload.mass_kg > 0.0:
         load = world.body("base_link").add_body(name="payload", pos=list(payload.position_m))
         load.mass, load.inertia = payload.mass_kg, [1e-3 * payload.mass_kg] * 3
@@ -156,7 +265,7 @@ def add_payload(world: mujoco.MjSpec, payload: PayloadConfig) -> None:
 
 
 def _check_arena(world: mujoco.MjSpec) -> None:
-    """Raise ValueError for what would not be true to the robot or to the floor plan."""
+    """Raises ValueError for what LiDAR, contacts and floor plan would disagree on."""
     vehicle = world.body("base_link")
     joints = {joint.name for joint in vehicle.find_all("joint")}
     geoms = {geom.name for geom in vehicle.find_all("geom")}
@@ -164,71 +273,34 @@ def _check_arena(world: mujoco.MjSpec) -> None:
         if joint.name not in joints:
             _check_loose(joint)
     if any(body.mocap for body in world.bodies):
-        raise ValueError("what moves is said by the scenario's [[movers]], not by the arena")
+        raise ValueError("an arena has no mocap bodies: what moves belongs in [[movers]]")
     if world.geom("floor") is None:
         raise ValueError("the arena has no geom named 'floor'")
     for geom in world.geoms:
         solid = geom.contype or geom.conaffinity
         if geom.name not in geoms and solid and geom.group not in SEEN_GROUPS:
             name = geom.name or "without a name"
-            raise ValueError(f"geom {name} is in group {geom.group}, which no LiDAR sees: use 0")
+            raise ValueError(
+                f"geom {name} is in group {geom.group}, which the LiDAR does not see: use 0"
+            )
 
 
 def _check_loose(joint: mujoco.MjsJoint) -> None:
-    """An arena stands still, but for whole bodies that are loose, and named so."""
+    """Raises ValueError for joints other than the free joints of bodies that are named as loose."""
     body = joint.parent
     names = [body.name, *(geom.name for geom in body.geoms)]
     free = joint.type == mujoco.mjtJoint.mjJNT_FREE
     if not free or not all(name.startswith(("loose_", "obstacle_")) for name in names):
         raise ValueError(
-            f"an arena stands still, but this one has a joint ({joint.name or 'no name'}): "
-            "only bodies on free joints may move, they and their geoms named loose_* or obstacle_*"
+            f"an arena must stand still, but this one has a joint ({joint.name or 'no name'}): "
+            "only bodies on free joints may move; name them and their geoms loose_* or obstacle_*"
         )
 
 
 def _set_options(world: mujoco.MjSpec, timestep_s: float) -> None:
-    """Few, frictionless contacts and eight degrees of freedom: small, dense, two iterations."""
+    """Solver options for few, frictionless contacts and eight degrees of freedom."""
     option = world.option
     option.timestep = timestep_s
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     option.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
     option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
-
-
-def _add_obstacle(world: mujoco.MjSpec, name: str, obstacle: Obstacle, number: int) -> None:
-    parts = obstacle.parts()
-    for letter, part in zip("ab", parts, strict=False):
-        geom = world.worldbody.add_geom(
-            name=name if len(parts) == 1 else f"{name}_{letter}",
-            contype=1,
-            conaffinity=0,
-            material=_MATERIALS[number % len(_MATERIALS)],
-        )
-        _shape(world, geom, part)
-
-
-def _shape(world: mujoco.MjSpec, geom: mujoco.MjsGeom, part: Obstacle) -> None:
-    x, y = part.position_m
-    half_height = 0.5 * part.height_m
-    geom.pos = [x, y, part.bottom_m + half_height]
-    geom.quat = [np.cos(0.5 * part.yaw_rad), 0.0, 0.0, np.sin(0.5 * part.yaw_rad)]
-    if part.shape == "cylinder":
-        geom.type = mujoco.mjtGeom.mjGEOM_CYLINDER
-        geom.size = [0.5 * part.size_m[0], half_height, 0.0]
-    elif part.shape == "box":
-        geom.type = mujoco.mjtGeom.mjGEOM_BOX
-        geom.size = [0.5 * part.size_m[0], 0.5 * part.size_m[1], half_height]
-    else:
-        # An ellipse is a prism too: an ellipsoid would overhang, and show the LiDAR less than
-        # what the hull meets.
-        section = Obstacle(
-            part.shape, (0.0, 0.0), part.size_m, 0.0, part.height_m, part.vertices_m
-        ).sections()[0]
-        outline = section.vertices_m[:: 2 if part.shape == "ellipse" else 1]
-        vertices = [
-            np.column_stack([outline, np.full(len(outline), z)])
-            for z in (-half_height, half_height)
-        ]
-        mesh = world.add_mesh(name=geom.name, uservert=np.concatenate(vertices).ravel().tolist())
-        geom.type = mujoco.mjtGeom.mjGEOM_MESH
-        geom.meshname = mesh.name

@@ -1,4 +1,4 @@
-"""Cross-sections of MuJoCo geoms at the height of a sensor or vehicle."""
+"""Outlines of MuJoCo geoms at the heights of the robot: the true floor plan of a world."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from simloop.messages import FloatArray
 from simloop.worlds.arena import bounds_of
 from simloop.worlds.floor_plan import BAND_M, FloorPlan, Section, rasterise
 from simloop.worlds.obstacles import ellipse_outline
+from simloop.worlds.solids import Solid, solid_of_model, solids_of_spec
 
 _UPRIGHT = 1.0 - 1e-9
 _ROUND = 64
-"""Points round a tilted round thing: its outline is then right to about 0.1 % of its radius."""
+"""Points around a tilted round shape: its outline is then right to about 0.1 % of its radius."""
 
 
 def floor_plan(
@@ -23,84 +24,119 @@ def floor_plan(
     resolution_m: float = 0.02,
     band_m: tuple[float, float] = BAND_M,
 ) -> FloorPlan:
-    """What truly stands in the arena between two heights: all static geoms but planes and floor.
+    """The true floor plan of a compiled world: all static geoms except planes and the ground.
 
-    Shapes are exact where they can be (see ``section_of_geom``); resolution_m is that
-    of the raster. What is named ``ground_*`` is driven over, and is left out. Raises ValueError
-    for any other height field, which is not supported.
+    Shapes are exact where they can be (see ``section_of``). Geoms named ``ground_*`` are driven
+    over and left out.
+
+    Args:
+        model: the compiled world.
+        resolution_m: of the raster of distances, m.
+        band_m: the lowest and highest height, m, at which a geom counts.
+
+    Returns:
+        The floor plan over the arena's bounds.
+
+    Raises:
+        ValueError: for a height field that is not ground, or an arena without bounds.
     """
-    return rasterise(sections_of(model, band_m), bounds_of(model), resolution_m)
-
-
-def sections_of(
-    model: mujoco.MjModel, band_m: tuple[float, float] = BAND_M, *, loose: bool = False
-) -> list[Section]:
-    """The outlines of what stands between two heights; loose: of loose things too, as placed."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     solid = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
-    root = model.body_rootid[model.geom_bodyid]
     stands = solid & (model.body_weldid[model.geom_bodyid] == 0)
-    if loose:
-        stands |= solid & (root != 0) & (root != model.body("base_link").id)
-    sections = []
-    for geom in np.flatnonzero(stands):
-        name = model.geom(geom).name
-        is_ground = name == "floor" or name.startswith("ground_")
-        if not is_ground and model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_PLANE:
-            section = section_of_geom(model, data, int(geom), name, band_m)
-            sections += [section] if section is not None else []
-    return sections
+    stands &= model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE
+    solids = [
+        solid_of_model(model, data, int(geom))
+        for geom in np.flatnonzero(stands)
+        if not _is_ground(model.geom(geom).name)
+    ]
+    sections = [section_of(one, band_m) for one in solids]
+    return rasterise([s for s in sections if s is not None], bounds_of(model), resolution_m)
 
 
-def section_of_geom(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    geom: int,
-    name: str,
-    band_m: tuple[float, float],
-) -> Section | None:
-    """The outline of one geom within the band of heights, or None if it does not reach it.
+def sections_of_spec(
+    world: mujoco.MjSpec, *, loose: bool, band_m: tuple[float, float] = BAND_M
+) -> list[Section]:
+    """The outlines of what stands in a world that is not compiled yet.
+
+    They equal those of ``floor_plan`` up to rounding.
+
+    Args:
+        world: the specification, with or without the vehicle, which is left out.
+        loose: whether loose things are included, where they are placed at first.
+        band_m: the lowest and highest height, m, at which a geom counts.
+
+    Returns:
+        One section for each geom that reaches the band.
+    """
+    solids = solids_of_spec(world, world.worldbody, jointed=loose, skip="base_link")
+    sections = [section_of(one, band_m) for one in solids if not _is_ground(one.name)]
+    return [section for section in sections if section is not None]
+
+
+def _is_ground(name: str) -> bool:
+    return name == "floor" or name.startswith("ground_")
+
+
+def section_of(solid: Solid, band_m: tuple[float, float] = BAND_M) -> Section | None:
+    """The outline of one solid within a band of heights.
 
     Exact for boxes, meshes (their convex hull) and spheres in any pose, for upright cylinders,
     and for capsules that stand or lie; upright ellipsoids are right to 0.1 mm, all else to about
-    0.1 % of its radius. data: after ``mj_kinematics``. Raises ValueError for other types.
+    0.1 % of its radius.
+
+    Args:
+        solid: in the world frame.
+        band_m: the lowest and highest height, m.
+
+    Returns:
+        The outline in map, or None if the solid does not reach the band.
+
+    Raises:
+        ValueError: for a type of geom that has no outline.
     """
-    position = data.geom_xpos[geom]
-    rotation = data.geom_xmat[geom].reshape(3, 3)
-    size = model.geom_size[geom]
-    kind = mujoco.mjtGeom(int(model.geom_type[geom]))
+    name, position, rotation, size = solid.name, solid.position_m, solid.rotation, solid.size_m
     axis = rotation[:, 2]
     upright = abs(axis[2]) > _UPRIGHT
-    if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
+    if solid.kind == mujoco.mjtGeom.mjGEOM_SPHERE:
         return _swept_ball(name, position, np.zeros(3), size[0], band_m)
-    if kind == mujoco.mjtGeom.mjGEOM_CAPSULE and (upright or abs(axis[2]) < 1e-9):
+    if solid.kind == mujoco.mjtGeom.mjGEOM_CAPSULE and (upright or abs(axis[2]) < 1e-9):
         return _swept_ball(name, position, axis * size[1], size[0], band_m)
-    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER and upright:
+    if solid.kind == mujoco.mjtGeom.mjGEOM_CYLINDER and upright:
         if _gap(position[2], size[1], band_m) > 0.0:
             return None
         return Section(name, position[None, :2].copy(), float(size[0]))
-    if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID and upright:
-        rise = (np.clip(position[2], *band_m) - position[2]) / size[2]
-        if abs(rise) >= 1.0:
-            return None
-        outline = ellipse_outline(size[0], size[1]) * math.sqrt(1.0 - rise**2)
-        turned = outline @ rotation[:2, :2].T
-        # Upside down, the turn is also a reflection: the outline's sense comes out reversed.
-        return Section(name, (turned if axis[2] > 0.0 else turned[::-1]) + position[:2])
-    points = _hull_points(model, geom, kind, size) @ rotation.T + position
-    cut = _hull_in_band(points, band_m)
+    if solid.kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID and upright:
+        return _upright_ellipsoid(solid, band_m)
+    cut = _hull_in_band(_hull_points(solid) @ rotation.T + position, band_m)
     return None if cut is None else Section(name, cut)
 
 
+def _upright_ellipsoid(solid: Solid, band_m: tuple[float, float]) -> Section | None:
+    """Its widest ellipse within the band."""
+    position, rotation, size = solid.position_m, solid.rotation, solid.size_m
+    rise = (np.clip(position[2], *band_m) - position[2]) / size[2]
+    if abs(rise) >= 1.0:
+        return None
+    outline = ellipse_outline(size[0], size[1]) * math.sqrt(1.0 - rise**2)
+    turned = outline @ rotation[:2, :2].T
+    # Upside down, the rotation is also a reflection: it makes the outline run clockwise.
+    upwards = rotation[2, 2] > 0.0
+    return Section(solid.name, (turned if upwards else turned[::-1]) + position[:2])
+
+
 def _gap(height: float, half: float, band_m: tuple[float, float]) -> float:
+    """Vertical distance from a range of heights to the band, m; negative if they overlap."""
     return float(max(band_m[0] - (height + half), (height - half) - band_m[1]))
 
 
 def _swept_ball(
     name: str, centre: FloatArray, half: FloatArray, radius: float, band_m: tuple[float, float]
 ) -> Section | None:
-    """A ball swept along centre +- half, which stands or lies: where it comes nearest the band."""
+    """The widest circle, or stadium, within the band, of a ball swept along centre +- half.
+
+    The axis is upright or level.
+    """
     gap = max(0.0, _gap(centre[2], abs(half[2]), band_m))
     if gap >= radius:
         return None
@@ -109,10 +145,9 @@ def _swept_ball(
     return Section(name, ends if lies else ends[:1], math.sqrt(radius**2 - gap**2))
 
 
-def _hull_points(
-    model: mujoco.MjModel, geom: int, kind: mujoco.mjtGeom, size: FloatArray
-) -> FloatArray:
-    """(N, 3) points in the geom's frame whose convex hull is the geom."""
+def _hull_points(solid: Solid) -> FloatArray:
+    """(N, 3) points in the geom's frame whose convex hull is the solid."""
+    kind, size = solid.kind, solid.size_m
     corners = np.stack(np.meshgrid(*3 * [[-1.0, 1.0]]), axis=-1).reshape(-1, 3)
     around = 2.0 * math.pi * np.arange(_ROUND) / _ROUND
     ring = np.stack([np.cos(around), np.sin(around), np.zeros(_ROUND)], axis=1)
@@ -120,9 +155,7 @@ def _hull_points(
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
         return corners * size
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
-        mesh = int(model.geom_dataid[geom])
-        start, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
-        return np.array(model.mesh_vert[start : start + count], dtype=np.float64)
+        return solid.vertices_m
     if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
         return np.concatenate([size[0] * ring + side * size[1] * up for side in (-1.0, 1.0)])
     if kind in (mujoco.mjtGeom.mjGEOM_ELLIPSOID, mujoco.mjtGeom.mjGEOM_CAPSULE):
@@ -132,19 +165,18 @@ def _hull_points(
         if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
             return ball * size
         return np.concatenate([size[0] * ball + side * size[1] * up for side in (-1.0, 1.0)])
-    raise ValueError(f"no floor plan for a geom of type {kind.name}: {model.geom(geom).name!r}")
+    raise ValueError(f"no floor plan for a geom of type {kind.name}: {solid.name!r}")
 
 
 def _hull_in_band(points: FloatArray, band_m: tuple[float, float]) -> FloatArray | None:
-    """(V, 2) counter-clockwise: the convex hull of points (N, 3), cut to the band, seen from above.
-
-    The cut is spanned by the vertices within the band and by where edges cross its two planes.
-    """
+    """(V, 2) counter-clockwise: the convex hull of points (N, 3), cut to the band, from above."""
     hull = ConvexHull(points)
     pairs = np.concatenate(
         [hull.simplices[:, [0, 1]], hull.simplices[:, [1, 2]], hull.simplices[:, [2, 0]]]
     )
     start, end = points[pairs[:, 0]], points[pairs[:, 1]]
+    # The cut is spanned by the vertices within the band and by the points where edges cross its
+    # two planes.
     kept = [points[(points[:, 2] >= band_m[0]) & (points[:, 2] <= band_m[1])]]
     for level in band_m:
         crossing = (start[:, 2] < level) != (end[:, 2] < level)

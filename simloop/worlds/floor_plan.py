@@ -1,8 +1,9 @@
-"""The true floor plan of an arena: exact distances to what stands in the robot's height band.
+"""The true floor plan of a world: exact distances to what stands at the robot's heights.
 
-Ground truth, for metrics and for drawing solvable scenes; the robot's software never sees it.
-Every static thing is cut to the convex shape that it shows between two heights, and kept as a
-convex polygon swollen by a radius (a disc is one vertex and a radius, a box four and none).
+It is ground truth for metrics and for drawing worlds that can be crossed; the robot's software
+never sees it. Everything static is cut to the convex outline that it has between two heights. An
+outline is a convex polygon grown by a radius: a disc is one vertex and a radius, a box is four
+vertices and no radius.
 """
 
 from __future__ import annotations
@@ -19,12 +20,19 @@ from scipy import ndimage
 from simloop.messages import FloatArray
 
 BAND_M = (0.02, 0.25)
-"""Heights between which something can touch the robot: above its tracks' grip, below its mast."""
+"""Heights, m, at which something can touch the robot: above what its tracks drive over, and up to
+its mast."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Section:
-    """A convex outline on the floor: vertices (V, 2) counter-clockwise, swollen by ``radius_m``."""
+    """A convex outline on the floor: a polygon grown by a radius.
+
+    Attributes:
+        name: of what has this outline.
+        vertices_m: (V, 2) x, y in map, m, counter-clockwise, read-only.
+        radius_m: by which the polygon is grown, m.
+    """
 
     name: str
     vertices_m: FloatArray
@@ -41,10 +49,15 @@ _Packed = tuple[FloatArray, NDArray[np.int64], FloatArray]
 class FloorPlan:
     """Signed distances to the nearest obstacle or wall, negative inside one.
 
-    distance_m: (rows, cols) float32, [iy, ix], at the cells' centres, inf where there is nothing
-    at all; cell (0, 0) has its lower left corner at origin_m (2,). bounds_m: (4,) x_min, y_min,
-    x_max, y_max of the arena's free space. Outside an obstacle the distance is exact; inside
-    overlapping ones it is that of the deeper.
+    Outside of obstacles the distances are exact; where obstacles overlap, the deepest one counts.
+
+    Attributes:
+        origin_m: (2,) lower left corner of cell (0, 0), x, y in map, m.
+        resolution_m: size of a cell, m.
+        distance_m: (rows, cols) float32, [iy, ix], at the centres of the cells, m; inf if nothing
+            stands anywhere.
+        bounds_m: (4,) x_min, y_min, x_max, y_max of the free space in map, m.
+        sections: the outlines.
     """
 
     origin_m: FloatArray
@@ -60,12 +73,26 @@ class FloorPlan:
             array.setflags(write=False)
 
     def clearance_m(self, points_m: FloatArray) -> FloatArray:
-        """(N,) exact signed distances of points (N, 2): from the shapes, not from the raster."""
+        """Exact signed distances to what stands, from the outlines and not from the raster.
+
+        Args:
+            points_m: (N, 2) or (2,) x, y in map, m.
+
+        Returns:
+            (N,) distances, m, negative inside; inf if nothing stands.
+        """
         points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
         return _distances(points, *self._outlines)
 
     def contains(self, point_m: Sequence[float] | FloatArray) -> bool:
-        """Whether a point lies within the arena's bounds."""
+        """Whether a point lies within the bounds.
+
+        Args:
+            point_m: (2,) x, y in map, m.
+
+        Returns:
+            True inside or on the border.
+        """
         x, y = float(point_m[0]), float(point_m[1])
         x_min, y_min, x_max, y_max = self.bounds_m
         return bool(x_min <= x <= x_max and y_min <= y <= y_max)
@@ -74,7 +101,19 @@ class FloorPlan:
 def rasterise(
     sections: Sequence[Section], bounds_m: Sequence[float] | FloatArray, resolution_m: float = 0.02
 ) -> FloorPlan:
-    """The floor plan of convex sections over bounds (4,). Raises ValueError for empty bounds."""
+    """The floor plan of convex outlines.
+
+    Args:
+        sections: the outlines.
+        bounds_m: (4,) x_min, y_min, x_max, y_max of the free space in map, m.
+        resolution_m: size of a cell of the raster, m.
+
+    Returns:
+        The floor plan.
+
+    Raises:
+        ValueError: for bounds without an area.
+    """
     bounds = np.array(bounds_m, dtype=np.float64)
     span = bounds[2:] - bounds[:2]
     if bounds.shape != (4,) or not np.all(span > 0.0):
@@ -103,18 +142,19 @@ def _packed(sections: Sequence[Section]) -> _Packed:
 def _distances(
     points: FloatArray, vertices: FloatArray, starts: NDArray[np.int64], radii: FloatArray
 ) -> FloatArray:
-    """(N,) least signed distance of each point to any of the sections."""
+    """(N,) least signed distance of each point to any of the outlines. Arguments as ``_packed``."""
     out = np.full(len(points), np.inf)
     for n in range(len(points)):
         for s in range(len(radii)):
-            inside = starts[s + 1] - starts[s] > 2
+            inside = starts[s + 1] - starts[s] > 2  # points and segments have no inside
             nearest = np.inf
             j = starts[s + 1] - 1
             for i in range(starts[s], starts[s + 1]):
                 ax, ay = points[n, 0] - vertices[j, 0], points[n, 1] - vertices[j, 1]
                 bx, by = vertices[i, 0] - vertices[j, 0], vertices[i, 1] - vertices[j, 1]
-                # To the left of every edge of a counter-clockwise outline: inside.
+                # A point is inside if it lies to the left of every counter-clockwise edge.
                 inside = inside and bx * ay - by * ax >= 0.0
+                # The nearest point of the edge, as a share t of its length.
                 length2 = bx * bx + by * by
                 t = 0.0
                 if length2 > 0.0:
@@ -127,7 +167,15 @@ def _distances(
 
 
 def outline_edges(plan: FloorPlan) -> tuple[FloatArray, FloatArray]:
-    """Every edge of every section as (E, 2, 2) ends in map, and the swell (E,) of its section."""
+    """All edges of all outlines.
+
+    Args:
+        plan: the floor plan.
+
+    Returns:
+        (E, 2, 2) start and end of each edge, x, y in map, m, and (E,) the radius by which its
+        outline is grown, m.
+    """
     ends, swell = [np.zeros((0, 2, 2))], [np.zeros(0)]
     for section in plan.sections:
         vertices = section.vertices_m
@@ -139,7 +187,18 @@ def outline_edges(plan: FloorPlan) -> tuple[FloatArray, FloatArray]:
 def segment_distances(
     start_m: FloatArray, end_m: FloatArray, other_start_m: FloatArray, other_end_m: FloatArray
 ) -> FloatArray:
-    """(N, M) distances of N segments to M others, each given by its ends; 0 where they cross."""
+    """Distances between two sets of segments.
+
+    Args:
+        start_m: (N, 2) starts of the first segments, m.
+        end_m: (N, 2) their ends, m.
+        other_start_m: (M, 2) starts of the second segments, m.
+        other_end_m: (M, 2) their ends, m.
+
+    Returns:
+        (N, M) distances, m; 0 where two segments cross.
+    """
+    # Unless two segments cross, one of the four ends is nearest to the other segment.
     a, b = start_m[:, None], end_m[:, None]
     c, d = other_start_m[None], other_end_m[None]
     distance = np.minimum(
@@ -157,6 +216,7 @@ def _side(a: FloatArray, b: FloatArray, point: FloatArray) -> FloatArray:
 
 
 def _point_to_segment(point: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
+    """Distances of points (..., 2) to segments from a to b (..., 2)."""
     ab, ap = b - a, point - a
     length2 = np.sum(ab * ab, axis=-1)
     share = np.sum(ap * ab, axis=-1) / np.where(length2 > 0.0, length2, 1.0)
@@ -165,23 +225,42 @@ def _point_to_segment(point: FloatArray, a: FloatArray, b: FloatArray) -> FloatA
 
 
 def is_blocked(plan: FloorPlan, start: FloatArray, goal: FloatArray) -> bool:
-    """Whether something stands on the straight line from start (2,) to goal (2,)."""
+    """Whether something stands on the straight line from start to goal.
+
+    Args:
+        plan: what stands.
+        start: (2,) x, y in map, m.
+        goal: (2,) x, y in map, m.
+
+    Returns:
+        True if a point of the line, taken every centimetre, is inside an obstacle.
+    """
     steps = max(2, math.ceil(math.dist(start, goal) / 0.01))
     share = np.linspace(0.0, 1.0, steps)[:, None]
     return bool(np.any(plan.clearance_m(start + share * (goal - start)) < 0.0))
 
 
 def is_passable(plan: FloorPlan, start: FloatArray, goal: FloatArray, radius_m: float) -> bool:
-    """Whether a disc can get from start (2,) to goal (2,) within the plan's bounds, on its raster.
+    """Whether a disc can get from start to goal within the plan's bounds.
 
-    Never says so wrongly: the disc is widened by what may lie between two cells.
+    The search is on the raster with a disc grown by half a cell, so that True is always right.
+
+    Args:
+        plan: what stands.
+        start: (2,) x, y in map, m.
+        goal: (2,) x, y in map, m.
+        radius_m: of the disc, m.
+
+    Returns:
+        False if there is no way, or one too narrow for the raster.
     """
     rows, columns = plan.distance_m.shape
     x = plan.origin_m[0] + (np.arange(columns) + 0.5) * plan.resolution_m
     y = plan.origin_m[1] + (np.arange(rows) + 0.5) * plan.resolution_m
     centres = np.stack(np.meshgrid(x, y), axis=-1)
-    clearance = np.minimum(plan.distance_m, to_walls(centres, plan.bounds_m))
+    clearance = np.minimum(plan.distance_m, distance_to_bounds(centres, plan.bounds_m))
     free = clearance > radius_m + 0.5 * plan.resolution_m
+    # Start and goal are joined if their cells are in the same connected region of free cells.
     labels = np.asarray(ndimage.label(free)[0])
     cells = ((np.array([start, goal]) - plan.origin_m) / plan.resolution_m).astype(int)
     if np.any(cells < 0) or np.any(cells >= [columns, rows]):
@@ -190,6 +269,14 @@ def is_passable(plan: FloorPlan, start: FloatArray, goal: FloatArray, radius_m: 
     return bool(first == last and first != 0)
 
 
-def to_walls(points: FloatArray, bounds: FloatArray) -> FloatArray:
-    """(...,) distance of points (..., 2) to the nearest side of the bounds, negative outside."""
+def distance_to_bounds(points: FloatArray, bounds: FloatArray) -> FloatArray:
+    """Distances of points to the nearest side of the bounds.
+
+    Args:
+        points: (..., 2) x, y, m.
+        bounds: (4,) x_min, y_min, x_max, y_max, m.
+
+    Returns:
+        (...,) distances, m, negative outside.
+    """
     return np.minimum(points - bounds[:2], bounds[2:] - points).min(axis=-1)

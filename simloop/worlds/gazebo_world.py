@@ -1,7 +1,7 @@
-"""A Gazebo world (SDF) as a world: its cylinders and boxes, where its poses put them.
+"""Reads Gazebo worlds (SDF): upright cylinders and boxes, at the places that their poses give.
 
-Only what stands still and upright is taken: collisions of models, with the poses of model, link and
-collision one inside the other. Meshes, other files and other shapes are refused by name.
+Only the collision shapes of models are read. The poses of model, link and collision are nested.
+Meshes, includes and other shapes are refused with the model's name.
 """
 
 from __future__ import annotations
@@ -20,21 +20,29 @@ from simloop.worlds.layout import Bounds, Layout
 from simloop.worlds.obstacles import Obstacle, ShapeName
 
 _MOST_BYTES = 50_000_000
-_ROOM_M = 2.0  # of free floor about all that stands
+_ROOM_M = 2.0  # of free floor around all that stands
 _TILT_RAD = 1e-3
 _FLAT = ("plane",)
 
 
 def read_sdf(file: Path, bounds: Bounds | None = None) -> Layout:
-    """The world of an SDF file. bounds: of the floor; 2 m about everything unless given.
+    """Reads a world from an SDF file.
 
-    Raises InputError, one line, for what is no SDF or cannot be stood up here.
+    Args:
+        file: the SDF file.
+        bounds: x_min, y_min, x_max, y_max of the floor, m; unless given, 2 m around everything.
+
+    Returns:
+        The bounds and the obstacles.
+
+    Raises:
+        InputError: in one line, for a file that is no SDF or holds what is not supported.
     """
     obstacles = tuple(_things(file, _parse(file)))
     if bounds is None:
         outlines = [s for one in obstacles for s in one.sections()]
         if not outlines:
-            raise InputError(f"{file}: nothing stands in it; give bounds_m")
+            raise InputError(f"{file}: nothing stands in this world; give bounds_m")
         low = np.min([s.vertices_m.min(axis=0) - s.radius_m for s in outlines], axis=0) - _ROOM_M
         high = np.max([s.vertices_m.max(axis=0) + s.radius_m for s in outlines], axis=0) + _ROOM_M
         bounds = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
@@ -42,6 +50,7 @@ def read_sdf(file: Path, bounds: Bounds | None = None) -> Layout:
 
 
 def _parse(file: Path) -> Xml.Element:
+    """The root of an SDF file that is small and defines no entities, which could expand it."""
     try:
         data = file.read_bytes()
     except OSError as error:
@@ -60,7 +69,7 @@ def _parse(file: Path) -> Xml.Element:
 def _things(file: Path, root: Xml.Element) -> Iterator[Obstacle]:
     for holder in [*root.findall("world"), root]:
         for include in holder.findall("include"):
-            raise InputError(f"{file}: includes {include.findtext('uri', '?')}: only what is here")
+            raise _included(f"{file}:", include)
         for model in holder.findall("model"):
             yield from _model(file, model, np.zeros(3))
 
@@ -69,7 +78,7 @@ def _model(file: Path, model: Xml.Element, outer: FloatArray) -> Iterator[Obstac
     name = f"{file}: model {model.get('name', '?')}"
     place = compose(outer, _pose(name, model))
     for include in model.findall("include"):
-        raise InputError(f"{name} includes {include.findtext('uri', '?')}: only what is here")
+        raise _included(name, include)
     for inner in model.findall("model"):
         yield from _model(file, inner, place)
     for link in model.findall("link"):
@@ -80,21 +89,26 @@ def _model(file: Path, model: Xml.Element, outer: FloatArray) -> Iterator[Obstac
                 yield found
 
 
+def _included(name: str, include: Xml.Element) -> InputError:
+    uri = include.findtext("uri", "?")
+    return InputError(f"{name} includes {uri}: only what is in this file is supported")
+
+
 def _pose(name: str, element: Xml.Element) -> FloatArray:
-    """(3,) x, y, yaw of an element's own pose."""
+    """(3,) x, y, yaw of an element's own pose; its height is not used: all stands on the floor."""
     pose = element.find("pose")
     if pose is None:
         return np.zeros(3)
     if pose.get("relative_to") or pose.get("frame"):
-        raise InputError(f"{name}: a pose relative to a frame by its name: only nested ones here")
+        raise InputError(f"{name}: a pose relative to a named frame is not supported")
     x, y, _, roll, pitch, yaw = _numbers(name, "pose", pose.text, 6)
     if abs(roll) > _TILT_RAD or abs(pitch) > _TILT_RAD:
-        raise InputError(f"{name}: is tilted; only what stands upright can be stood up")
+        raise InputError(f"{name}: is tilted; only upright models are supported")
     return np.array([x, y, yaw])
 
 
 def _shape(name: str, collision: Xml.Element, at: FloatArray) -> Obstacle | None:
-    """An obstacle at (3,) in the world; None for what is the floor."""
+    """The obstacle of a collision whose pose is ``at`` (3,); None for the floor."""
     geometry = collision.find("geometry")
     kinds = [] if geometry is None else [child for child in geometry if child.tag != "empty"]
     if not kinds:
@@ -114,7 +128,7 @@ def _shape(name: str, collision: Xml.Element, at: FloatArray) -> Obstacle | None
         kind, size, yaw = "box", (x, y), float(at[2])
     else:
         what = f"{name}: a {shape.tag} {shape.findtext('uri', '')}".rstrip()
-        raise InputError(f"{what}: only cylinders and boxes here")
+        raise InputError(f"{what}: only cylinders and boxes are supported")
     try:
         return Obstacle(kind, where, size, yaw, min(height, 3.0))
     except ValueError:

@@ -1,33 +1,69 @@
-"""What stands where, whoever said so: the bounds of a floor and the obstacles on it."""
+"""The description of a world: all that stands, lies loose and moves in it, before it is built."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+from simloop.worlds.movers.settings import Mover
 from simloop.worlds.obstacles import Obstacle
+from simloop.worlds.terrain import Loose, Terrain
 
 Bounds = tuple[float, float, float, float]
 WALL_M = 0.2
-"""Of a wall: both its faces are seen, and must not fall into neighbouring cells of a map."""
+"""Thickness of a wall: the LiDAR sees both faces, and they must not fall into neighbouring cells
+of the robot's map."""
 HEIGHT_M = 0.45
+OPEN_GROUND = "field"
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """bounds_m: x_min, y_min, x_max, y_max of the free space."""
+    """A whole world apart from the vehicle.
 
-    bounds_m: Bounds
-    obstacles: tuple[Obstacle, ...]
+    Attributes:
+        bounds_m: x_min, y_min, x_max, y_max of the free space in map; None: the arena's own.
+        obstacles: what is added to the arena's own obstacles.
+        arena: the name or file of the MJCF arena that all else is added to.
+        terrain: ground that is not flat.
+        loose: things that may be pushed.
+        movers: what moves by itself.
+    """
+
+    bounds_m: Bounds | None = None
+    obstacles: tuple[Obstacle, ...] = ()
+    arena: str = OPEN_GROUND
+    terrain: Terrain | None = None
+    loose: tuple[Loose, ...] = ()
+    movers: tuple[Mover, ...] = ()
 
 
 def box(x0: float, y0: float, x1: float, y1: float, height_m: float = HEIGHT_M) -> Obstacle:
-    """A box between two corners, m in map."""
+    """A box obstacle between two corners.
+
+    Args:
+        x0: least x in map, m.
+        y0: least y, m.
+        x1: greatest x, m.
+        y1: greatest y, m.
+        height_m: of the box, m.
+
+    Returns:
+        The obstacle, standing on the floor.
+    """
     middle = (0.5 * (x0 + x1), 0.5 * (y0 + y1))
     return Obstacle("box", middle, (x1 - x0, y1 - y0), 0.0, height_m)
 
 
 def walls_about(bounds: Bounds, wall_m: float = WALL_M) -> list[Obstacle]:
-    """Four walls whose inner faces are the bounds."""
+    """Four walls around a floor.
+
+    Args:
+        bounds: x_min, y_min, x_max, y_max, m: where the inner faces of the walls are.
+        wall_m: thickness of the walls, m.
+
+    Returns:
+        The walls: south, north, west, east.
+    """
     x0, y0, x1, y1 = bounds
     return [
         box(x0 - wall_m, y0 - wall_m, x1 + wall_m, y0),

@@ -1,4 +1,4 @@
-"""A map_server map (YAML with PGM or PNG) as a world: what is occupied there stands here."""
+"""Reads a map_server map (YAML and PGM) as a world: its occupied cells become boxes."""
 
 from __future__ import annotations
 
@@ -14,16 +14,26 @@ from simloop.worlds.layout import Layout, box
 _MOST_BOXES = 5000
 
 
-def read_picture(yaml_file: Path) -> Layout:
-    """Boxes that cover the occupied cells exactly; unknown is free. Raises InputError."""
+def read_map_world(yaml_file: Path) -> Layout:
+    """Reads a world from a map: boxes cover its occupied cells exactly, unknown cells are free.
+
+    Args:
+        yaml_file: the map's YAML file.
+
+    Returns:
+        The map's bounds and the boxes.
+
+    Raises:
+        InputError: in one line, for a file that is no map, or needs too many boxes.
+    """
     step, origin, odds = read_cells(yaml_file)
     rows, columns = odds.shape
     x0, y0 = origin.tolist()
-    found = rectangles(odds > 0.0)
+    found = tile_rectangles(odds > 0.0)
     if len(found) > _MOST_BOXES:
         raise InputError(
             f"{yaml_file}: {len(found):,} boxes would be needed, more than {_MOST_BOXES:,}: "
-            "a coarser picture, or a cleaner one"
+            "use a coarser or a cleaner picture"
         )
     boxes = [
         box(x0 + c0 * step, y0 + r0 * step, x0 + c1 * step, y0 + r1 * step)
@@ -32,10 +42,16 @@ def read_picture(yaml_file: Path) -> Layout:
     return Layout((x0, y0, x0 + columns * step, y0 + rows * step), tuple(boxes))
 
 
-def rectangles(filled: NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:
-    """(row, column, beyond row, beyond column) of rectangles that tile the filled cells.
+def tile_rectangles(filled: NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:
+    """Covers the filled cells of a grid by rectangles that do not overlap.
 
-    Greedy: each as wide as its row allows, then as high as the rows below it are filled.
+    Greedy: each rectangle is as wide as its first row allows, then as high as possible.
+
+    Args:
+        filled: (rows, cols) which cells are filled.
+
+    Returns:
+        Row, column, row beyond and column beyond of each rectangle.
     """
     left = filled.copy()
     found = []

@@ -1,7 +1,7 @@
-"""Terrain, loose things and movers, added to a world before it is compiled.
+"""Adds terrain, loose things and movers to a world before it is compiled.
 
-What is named ``ground_*`` is ground: touching it is no contact, and it stands on no floor plan.
-Whether a step is ground is decided by theory: by what the vehicle's tracks can climb.
+Geoms named ``ground_*`` are ground: touching them is no contact, and they are not on the floor
+plan. A ramp or step is ground if the vehicle's tracks can climb it by theory, else an obstacle.
 """
 
 from __future__ import annotations
@@ -21,16 +21,21 @@ from simloop.worlds.terrain import HeightField, Loose, Ramp, Step, Terrain
 
 _HULL_AND_WHEELS = 3
 _BELLY_M = 0.02
-"""Where the hull begins: ground that stays below it between two wheels meets wheels alone."""
+"""Height of the hull's lower edge: lower ground meets the wheels only."""
 _BASE_M = 0.1
 _MOVER_RGBA = (0.80, 0.32, 0.24, 1.0)
 
 
 def add_terrain(world: mujoco.MjSpec, terrain: Terrain, friction: float) -> None:
-    """Ramps, steps and the height field. friction: of the tracks, for what can be climbed.
+    """Adds ramps, steps and the height field.
 
-    What cannot be climbed is an obstacle, and is named so. Raises ValueError for an image that
-    cannot be read.
+    Args:
+        world: the specification, with the vehicle in it.
+        terrain: what to add.
+        friction: of the tracks; what they cannot climb is named ``obstacle_*``.
+
+    Raises:
+        ValueError: for an image that cannot be read.
     """
     for number, ramp in enumerate(terrain.ramps, start=1):
         climbed = math.atan2(ramp.height_m, ramp.up_m) < climbing_angle_of(friction)
@@ -43,12 +48,27 @@ def add_terrain(world: mujoco.MjSpec, terrain: Terrain, friction: float) -> None
 
 
 def climbing_angle_of(friction: float) -> float:
-    """The steepest ramp, rad, that is ground: what friction alone lets the tracks climb."""
+    """The steepest ramp that the tracks climb, by friction alone.
+
+    Args:
+        friction: coefficient between tracks and ground.
+
+    Returns:
+        The angle, rad.
+    """
     return climbing_angle(math.inf, 1.0, 0.0, friction) if friction > 0.0 else 0.0
 
 
 def climbable_height(world: mujoco.MjSpec, friction: float) -> float:
-    """The highest step, m, that the vehicle of this world climbs by plane statics."""
+    """The highest step that the vehicle climbs, by plane statics (``track_theory``).
+
+    Args:
+        world: the specification, with the vehicle in it.
+        friction: coefficient between tracks and ground.
+
+    Returns:
+        The height, m.
+    """
     base = world.body("base_link")
     wheels = [geom for geom in base.geoms if geom.name.startswith("road_left_")]
     x = [float(geom.pos[0]) for geom in wheels]
@@ -59,7 +79,17 @@ def climbable_height(world: mujoco.MjSpec, friction: float) -> float:
 
 
 def heights_of(field: HeightField) -> FloatArray:
-    """(rows, columns) heights over the floor, m, from 0 up; row 0 at the smallest y."""
+    """The heights of a field of rough ground, read from its image or drawn from its seed.
+
+    Args:
+        field: what the scenario says of it.
+
+    Returns:
+        (rows, columns) heights over the floor, m, 0 or more; row 0 at the smallest y.
+
+    Raises:
+        ValueError: for an image that cannot be read.
+    """
     rows, columns = field.shape()
     if field.image is not None:
         assert field.height_m is not None
@@ -69,7 +99,8 @@ def heights_of(field: HeightField) -> FloatArray:
             field.height_m
         )
     assert field.rms_m is not None
-    # White noise under a Gaussian of width s is correlated as exp(-d^2 / 4 s^2): 1/e at 2 s.
+    # White noise smoothed by a Gaussian of width s has the correlation exp(-d^2 / 4 s^2), which is
+    # 1/e at d = 2 s.
     width = 0.5 * field.correlation_m / field.cell_m
     edge = math.ceil(4.0 * width)
     noise = np.random.default_rng(field.seed).standard_normal((rows + 2 * edge, columns + 2 * edge))
@@ -80,7 +111,7 @@ def heights_of(field: HeightField) -> FloatArray:
 
 
 def _rim(rows: int, columns: int, width: float) -> FloatArray:
-    """(rows, columns) 0 at the edge and 1 from ``width`` cells inwards."""
+    """(rows, columns) weights that rise smoothly from 0 at the edge to 1 at ``width`` cells."""
     along = [np.minimum(np.arange(n), np.arange(n)[::-1]) for n in (rows, columns)]
     distance = np.minimum(along[0][:, None], along[1][None, :])
     share = np.clip(distance / max(width, 1.0), 0.0, 1.0)
@@ -88,7 +119,12 @@ def _rim(rows: int, columns: int, width: float) -> FloatArray:
 
 
 def add_loose(world: mujoco.MjSpec, things: Sequence[Loose]) -> None:
-    """Loose things, each a body of its own on a free joint, named ``loose_*`` if pushable."""
+    """Adds loose things, each as a body on a free joint, named ``loose_*`` if it may be pushed.
+
+    Args:
+        world: the specification.
+        things: what to add.
+    """
     for number, thing in enumerate(things, start=1):
         name = f"{'loose' if thing.pushable else 'obstacle_loose'}_{number:02d}"
         half = 0.5 * thing.height_m
@@ -104,11 +140,12 @@ def add_loose(world: mujoco.MjSpec, things: Sequence[Loose]) -> None:
         else:
             geom.type = mujoco.mjtGeom.mjGEOM_CYLINDER
             geom.size = [0.5 * thing.size_m[0], half, 0.0]
-        # The floor's own friction must not be the larger one of the two, which would hold.
+        # Without priority MuJoCo takes the larger of two frictions, which may be the floor's.
         geom.priority = 1
 
 
 def _turn(yaw_rad: float) -> list[float]:
+    """The quaternion of a rotation about z."""
     return [math.cos(0.5 * yaw_rad), 0.0, 0.0, math.sin(0.5 * yaw_rad)]
 
 
@@ -117,7 +154,7 @@ def _add_ramp(world: mujoco.MjSpec, ramp: Ramp, name: str) -> None:
     profile = [(0.0, 0.0), (ramp.up_m, ramp.height_m), (ends, ramp.height_m)]
     profile += [(ends + ramp.down_m, 0.0)]
     sides = (-0.5 * ramp.width_m, 0.5 * ramp.width_m)
-    # A base below the floor keeps the foot from being thinner than a contact is deep.
+    # With a base below the floor, the foot is not thinner than a contact is deep.
     corners = [(x, y, z) for y in sides for x, z in (*profile, (0.0, -_BASE_M), (ends, -_BASE_M))]
     mesh = world.add_mesh(name=name, uservert=np.unique(np.array(corners), axis=0).ravel().tolist())
     world.worldbody.add_geom(
@@ -169,7 +206,12 @@ def _add_field(world: mujoco.MjSpec, field: HeightField) -> None:
 
 
 def add_movers(world: mujoco.MjSpec, movers: Sequence[Mover]) -> None:
-    """Upright cylinders on mocap bodies, ``mover_01``, ``mover_02``, ..., in their order."""
+    """Adds movers as upright cylinders on mocap bodies ``mover_01``, ``mover_02``, ...
+
+    Args:
+        world: the specification.
+        movers: what to add, in the order in which their places are set.
+    """
     for number, mover in enumerate(movers, start=1):
         half = 0.5 * mover.height_m
         name = f"mover_{number:02d}"

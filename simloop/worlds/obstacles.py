@@ -1,4 +1,4 @@
-"""Obstacles that a scenario or a seed adds to an arena, apart from any physics engine."""
+"""Obstacles that a scenario or a seed adds to an arena; independent of the physics engine."""
 
 from __future__ import annotations
 
@@ -29,11 +29,18 @@ _COUNTS = {"box": 2, "ellipse": 2, "cylinder": 1, "ell": 3, "polygon": 0}
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Obstacle:
-    """An upright, static thing on the floor, or hung up ``bottom_m`` over it.
+    """An upright, static obstacle that stands on the floor or hangs above it.
 
-    size_m, over all: box and ellipse (length, width), cylinder (diameter,), ell (length, width,
-    thickness) of two boxes that make an L. A polygon is convex and has ``vertices_m`` instead,
-    (V, 2) about its own centre. The length lies along x, turned by ``yaw_rad``.
+    Attributes:
+        shape: box, cylinder, ellipse, ell (an L of two boxes) or polygon (convex).
+        position_m: x, y of its centre in map, m.
+        size_m: over all, m: of a box or an ellipse length and width; of a cylinder its diameter; of
+            an ell length, width and thickness of its arms; of a polygon nothing. The length lies
+            along x before it is turned.
+        yaw_rad: by which it is turned, rad.
+        height_m: from its lower to its upper edge, m.
+        vertices_m: (V, 2) corners of a polygon about its own centre, m.
+        bottom_m: height of its lower edge over the floor, m.
     """
 
     shape: ShapeName
@@ -51,13 +58,17 @@ class Obstacle:
         if self.shape == "ell" and self.size_m[2] >= min(self.size_m[:2]):
             raise ValueError("an ell's thickness must be less than its length and width")
         if (self.shape == "polygon") != bool(self.vertices_m):
-            raise ValueError("a polygon has vertices_m, and nothing else has them")
+            raise ValueError("vertices_m: a polygon needs them, and no other shape has them")
         if self.shape == "polygon" and not _is_convex(np.array(self.vertices_m)):
-            raise ValueError("vertices_m must go round a convex polygon")
+            raise ValueError("vertices_m must be the corners of a convex polygon, in order")
         return self
 
     def parts(self) -> tuple[Obstacle, ...]:
-        """The convex pieces of which it is made: itself, or the two boxes of an L."""
+        """The convex pieces that make up the obstacle.
+
+        Returns:
+            Itself, or the two boxes of an L.
+        """
         if self.shape != "ell":
             return (self,)
         length, width, thick = self.size_m
@@ -70,7 +81,14 @@ class Obstacle:
         return replace(self, shape="box", position_m=tuple(where), size_m=(length, width))
 
     def sections(self, name: str = "obstacle") -> tuple[Section, ...]:
-        """What it shows on the floor plan, exactly (an ellipse to 0.1 mm)."""
+        """Its outlines on the floor plan, exact but for ellipses, which are right to 0.1 mm.
+
+        Args:
+            name: of the sections.
+
+        Returns:
+            One section for each convex piece.
+        """
         return tuple(part._section(name) for part in self.parts())
 
     def _section(self, name: str) -> Section:
@@ -86,26 +104,43 @@ class Obstacle:
         return Section(name, self._placed(outline))
 
     def _placed(self, local: FloatArray) -> FloatArray:
-        """(N, 2) of the obstacle's own frame in map."""
+        """(N, 2) points of the obstacle's own frame, in map."""
         cos, sin = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
         return local @ np.array([[cos, sin], [-sin, cos]]) + np.array(self.position_m)
 
 
 def ellipse_outline(semi_x_m: float, semi_y_m: float, count: int = 96) -> FloatArray:
-    """(count, 2) counter-clockwise, as far outside the ellipse as inside it: within 0.03 %."""
+    """A polygon that approximates an ellipse, as far outside of it as inside, within 0.03 %.
+
+    Args:
+        semi_x_m: half axis along x, m.
+        semi_y_m: half axis along y, m.
+        count: number of vertices.
+
+    Returns:
+        (count, 2) vertices about the origin, m, counter-clockwise.
+    """
     angle = 2.0 * math.pi * np.arange(count) / count
     swell = 2.0 / (1.0 + math.cos(math.pi / count))
     return swell * np.stack([semi_x_m * np.cos(angle), semi_y_m * np.sin(angle)], axis=1)
 
 
 def counter_clockwise(outline: FloatArray) -> FloatArray:
-    """The same outline (V, 2), turned round if it runs clockwise."""
+    """An outline in counter-clockwise order.
+
+    Args:
+        outline: (V, 2) vertices in either order.
+
+    Returns:
+        (V, 2) the same vertices, reversed if they were clockwise.
+    """
     following = np.roll(outline, -1, axis=0)
     area = np.sum(outline[:, 0] * following[:, 1] - outline[:, 1] * following[:, 0])
     return outline if area >= 0.0 else outline[::-1].copy()
 
 
 def _is_convex(outline: FloatArray) -> bool:
+    """Whether an outline (V, 2) turns one way at all vertices, and once around in all."""
     if len(outline) < 3:
         return False
     edges = np.roll(outline, -1, axis=0) - outline

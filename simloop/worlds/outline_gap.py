@@ -1,25 +1,34 @@
-"""The gap between the robot's true outline, a rectangle, and what truly stands on the floor."""
+"""The gap between the robot's outline, a rectangle, and what stands on the floor."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from simloop.config import VehicleConfig
 from simloop.messages import FloatArray
+from simloop.worlds.body import Outline
 from simloop.worlds.floor_plan import FloorPlan, outline_edges, segment_distances
 
 _BATCH = 64
 
 
-def least_clearance(floor: FloorPlan, poses: FloatArray, vehicle: VehicleConfig) -> float:
-    """The least gap over poses (N, 3) of base_link in map, m; inf on a floor without obstacles.
+def least_clearance(floor: FloorPlan, poses: FloatArray, outline: Outline) -> float:
+    """The least gap between the outline and the floor plan's obstacles, over many poses.
 
-    Exact between rectangle and convex outlines; 0 or less where they overlap. Poses that cannot
-    be the closest, by the distance of their centre, are left out of the exact search.
+    Exact between rectangle and convex outlines.
+
+    Args:
+        floor: what stands.
+        poses: (N, 3) x, y, yaw of base_link in map, m, m, rad.
+        outline: the rectangle.
+
+    Returns:
+        The gap, m; 0 or less where they overlap; inf without obstacles or poses.
     """
     if not floor.sections or not len(poses):
         return float("inf")
-    reach = 0.5 * float(np.hypot(vehicle.length_m, vehicle.width_m))
+    # The gap is at least the centre's clearance less the half diagonal. Poses come in the order of
+    # this bound, and the exact search ends where the bound exceeds the best gap so far.
+    reach = 0.5 * float(np.hypot(outline.length_m, outline.width_m))
     lower = floor.clearance_m(poses[:, :2]) - reach
     order = np.argsort(lower, kind="stable")
     best = float("inf")
@@ -27,13 +36,23 @@ def least_clearance(floor: FloorPlan, poses: FloatArray, vehicle: VehicleConfig)
         batch = order[first : first + _BATCH]
         if lower[batch[0]] >= best:
             break
-        best = min(best, float(clearances(floor, poses[batch], vehicle).min()))
+        best = min(best, float(clearances(floor, poses[batch], outline).min()))
     return best
 
 
-def clearances(floor: FloorPlan, poses: FloatArray, vehicle: VehicleConfig) -> FloatArray:
-    """(N,) the gap at each of poses (N, 3), m; 0 or less where outline and obstacle overlap."""
-    corners = outline_corners(poses, vehicle)
+def clearances(floor: FloorPlan, poses: FloatArray, outline: Outline) -> FloatArray:
+    """The gap between the outline and the nearest obstacle, at each pose.
+
+    Args:
+        floor: what stands.
+        poses: (N, 3) x, y, yaw of base_link in map, m, m, rad.
+        outline: the rectangle.
+
+    Returns:
+        (N,) gaps, m; 0 or less where outline and obstacle overlap.
+    """
+    corners = outline_corners(poses, outline)
+    # First the distances between all sides of the rectangle and all edges of the obstacles.
     sides_start, sides_end = corners.reshape(-1, 2), np.roll(corners, -1, axis=1).reshape(-1, 2)
     edges, swell = outline_edges(floor)
     apart = segment_distances(sides_start, sides_end, edges[:, 0], edges[:, 1]) - swell
@@ -41,29 +60,31 @@ def clearances(floor: FloorPlan, poses: FloatArray, vehicle: VehicleConfig) -> F
     # A corner inside an obstacle, or an obstacle wholly inside the outline, crosses no side.
     depth = floor.clearance_m(corners.reshape(-1, 2)).reshape(len(poses), 4).min(axis=1)
     gap = np.minimum(gap, depth)
-    inside = _inside(poses, edges[:, 0], vehicle)
+    inside = _inside(poses, edges[:, 0], outline)
     return np.where(inside, np.minimum(gap, 0.0), gap)
 
 
-def outline_corners(poses: FloatArray, vehicle: VehicleConfig) -> FloatArray:
-    """(N, 4, 2) corners in map, counter-clockwise, of the rectangle centred on base_link."""
-    local = (
-        0.5
-        * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
-        * [
-            vehicle.length_m,
-            vehicle.width_m,
-        ]
-    )
+def outline_corners(poses: FloatArray, outline: Outline) -> FloatArray:
+    """The corners of the outline at each pose.
+
+    Args:
+        poses: (N, 3) x, y, yaw of base_link in map, m, m, rad.
+        outline: the rectangle, centred on base_link.
+
+    Returns:
+        (N, 4, 2) corners in map, m, counter-clockwise from the front left.
+    """
+    size = [outline.length_m, outline.width_m]
+    local = 0.5 * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * size
     cos, sin = np.cos(poses[:, 2, None]), np.sin(poses[:, 2, None])
     x = poses[:, 0, None] + cos * local[:, 0] - sin * local[:, 1]
     y = poses[:, 1, None] + sin * local[:, 0] + cos * local[:, 1]
     return np.stack([x, y], axis=-1)
 
 
-def _inside(poses: FloatArray, points: FloatArray, vehicle: VehicleConfig) -> FloatArray:
+def _inside(poses: FloatArray, points: FloatArray, outline: Outline) -> FloatArray:
     """(N,) whether any of points (M, 2) lies within the outline at each pose."""
     cos, sin = np.cos(poses[:, 2, None]), np.sin(poses[:, 2, None])
     dx, dy = points[:, 0] - poses[:, 0, None], points[:, 1] - poses[:, 1, None]
     ahead, aside = np.abs(cos * dx + sin * dy), np.abs(cos * dy - sin * dx)
-    return np.any((ahead <= 0.5 * vehicle.length_m) & (aside <= 0.5 * vehicle.width_m), axis=1)
+    return np.any((ahead <= 0.5 * outline.length_m) & (aside <= 0.5 * outline.width_m), axis=1)

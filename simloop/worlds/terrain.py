@@ -1,6 +1,6 @@
-"""Ground that is not flat, and things that may be pushed: what a scenario says of them.
+"""What a scenario says of ground that is not flat and of loose things.
 
-Apart from any physics engine; ``ground`` builds them.
+Independent of the physics engine; ``mjcf_ground`` adds them to a world.
 """
 
 from __future__ import annotations
@@ -14,20 +14,26 @@ from simloop.common.quantities import STRICT, Length, Point, has_area
 from simloop.config.simulation import Friction
 
 MOST_ROUGH_STEP_S = 0.002
-"""The longest physics step over a height field: a hull that falls on its prisms goes deep in one
-longer step, and is thrown out of them with energy from nowhere."""
+"""The longest physics step over a height field. With longer steps a hull that falls on it
+penetrates so deeply in one step that the contact throws it out with more energy than it had."""
 _MOST_CORRELATED = 100
-"""Cells over which heights may be correlated: finer, a draw takes minutes and shows no more."""
+"""The most cells over which heights may be correlated: finer draws take minutes and look alike."""
 Height = Annotated[float, Field(gt=0.0, le=1.0)]
 Run = Annotated[float, Field(ge=0.0, le=100.0)]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Ramp:
-    """A way up, a level top and a way down, along x from its foot, turned by yaw_rad about it.
+    """A ramp up, a level top and a ramp down, along x from its foot.
 
-    position_m: the middle of the foot. up_m, top_m, down_m: horizontal lengths; down_m = 0 is a
-    drop. width_m: across.
+    Attributes:
+        position_m: x, y of the middle of the foot in map, m.
+        height_m: of the top, m.
+        up_m: horizontal length of the ramp up, m.
+        top_m: length of the top, m.
+        down_m: horizontal length of the ramp down, m; 0 is a drop.
+        width_m: across, m.
+        yaw_rad: by which it is turned about the middle of its foot, rad.
     """
 
     position_m: Point
@@ -41,7 +47,14 @@ class Ramp:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Step:
-    """A level block on the floor, or, if it is narrow, a sill; size_m: length, width over all."""
+    """A level block on the floor; a narrow one is a sill.
+
+    Attributes:
+        position_m: x, y of its centre in map, m.
+        size_m: length and width over all, m.
+        height_m: m.
+        yaw_rad: by which it is turned, rad.
+    """
 
     position_m: Point
     size_m: tuple[Length, Length]
@@ -51,11 +64,20 @@ class Step:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class HeightField:
-    """Rough ground over min_m to max_m (x, y in map), level with the floor at its rim.
+    """Rough ground in a rectangle, from an image or drawn from a seed.
 
-    Either an image (PNG, grey: black is the floor, white is height_m above it; its upper edge is
-    the largest y), or a draw from ``seed``: heights of standard deviation rms_m about their mean,
-    with a Gaussian correlation that falls to 1/e at correlation_m. cell_m: of the grid.
+    What is drawn is level with the floor at its rim.
+
+    Attributes:
+        min_m: least x, y in map, m.
+        max_m: greatest x, y in map, m.
+        image: a grey PNG: black is the floor, white is ``height_m``; its upper edge is at the
+            greatest y.
+        height_m: of white above the floor, m.
+        rms_m: standard deviation of drawn heights about their mean, m.
+        correlation_m: distance at which the Gaussian correlation of drawn heights is 1/e, m.
+        seed: of the draw.
+        cell_m: size of a cell of the grid, m.
     """
 
     min_m: Point
@@ -78,11 +100,15 @@ class HeightField:
         if max(self.shape()) > 1001:
             raise ValueError("more than 1001 cells along a side: choose a larger cell_m")
         if self.rms_m is not None and self.correlation_m > _MOST_CORRELATED * self.cell_m:
-            raise ValueError(f"correlation_m is over {_MOST_CORRELATED} cells: a larger cell_m")
+            raise ValueError(f"correlation_m exceeds {_MOST_CORRELATED} cells: enlarge cell_m")
         return self
 
     def shape(self) -> tuple[int, int]:
-        """Rows (along y) and columns (along x) of the grid of heights."""
+        """The size of the grid of heights.
+
+        Returns:
+            Rows (along y) and columns (along x).
+        """
         spans = (self.max_m[1] - self.min_m[1], self.max_m[0] - self.min_m[0])
         rows, columns = (max(2, round(span / self.cell_m) + 1) for span in spans)
         return rows, columns
@@ -90,7 +116,13 @@ class HeightField:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Terrain:
-    """All that lies on the floor and is driven over. The robot's own software knows of none."""
+    """Everything that lies on the floor to be driven over; the robot's software knows none of it.
+
+    Attributes:
+        ramps: sloped.
+        steps: level.
+        height_field: rough ground, if any.
+    """
 
     ramps: tuple[Ramp, ...] = ()
     steps: tuple[Step, ...] = ()
@@ -99,10 +131,17 @@ class Terrain:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Loose:
-    """A thing that stands loose on the floor; size_m: box (length, width), cylinder (diameter,).
+    """A thing that stands loose on the floor.
 
-    friction: between it and the ground. pushable: whether touching it is allowed; a touch of what
-    is not counts as any other contact does.
+    Attributes:
+        shape: box or cylinder.
+        position_m: x, y of its centre in map, m.
+        size_m: of a box length and width, of a cylinder its diameter, m.
+        mass_kg: kg.
+        height_m: m.
+        friction: coefficient between it and the ground.
+        yaw_rad: by which it is turned, rad.
+        pushable: whether touching it is allowed; if not, a touch is a contact like any other.
     """
 
     shape: Literal["box", "cylinder"]

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from simloop.common.profiler import NullProfiler, Profiler
-from simloop.config import VehicleConfig
 from simloop.evaluation.metrics import RunMetrics
 from simloop.evaluation.provenance import machine, versions
 from simloop.evaluation.referee import Outcome
@@ -18,10 +17,11 @@ from simloop.messages import Estimate, Plan
 from simloop.scenario.build import build_world
 from simloop.scenario.load import load
 from simloop.truth import Truth
+from simloop.worlds.body import Body
 from simloop.worlds.floor_plan import Section, rasterise
 from simloop.worlds.outline_gap import clearances, least_clearance
 
-VEHICLE = VehicleConfig()
+BODY = Body(0.49, 0.465, 0.2)
 TICK_NS = 10_000_000
 
 
@@ -47,8 +47,8 @@ def floor():
     return build_world(load("open")).floor
 
 
-def metrics_of(floor, messages, outcome=Outcome.REACHED, **kwargs):
-    metrics = RunMetrics(load("open", ["goal=[3.0, 4.0]"]), floor)
+def metrics_of(floor, messages, overrides=(), outcome=Outcome.REACHED, **kwargs):
+    metrics = RunMetrics(load("open", ["goal=[3.0, 4.0]", *overrides]), floor, BODY)
     for message in messages:
         metrics.offer(message)
     arguments = {"state_hash": "abc", "wall_time_s": 0.5, "plan_ms": [1.0, 2.0, 3.0]} | kwargs
@@ -149,7 +149,7 @@ def test_all_documented_figures_are_there(floor):
 
 
 def test_listening_is_cheap(floor):
-    metrics = RunMetrics(load("open"), floor)
+    metrics = RunMetrics(load("open"), floor, BODY)
     messages = [m for i in range(2000) for m in (truth(i, 0, 0), estimate(i, 0, 0, 0))]
     costs = []
     for _ in range(5):
@@ -179,7 +179,7 @@ def square(x, y, side):
 )  # fmt: skip
 def test_gap_between_outline_and_obstacle(section, pose, gap):
     floor = rasterise([section], (-2, -2, 2, 2), 0.5)
-    assert clearances(floor, np.array([pose], float), VEHICLE)[0] == pytest.approx(gap)
+    assert clearances(floor, np.array([pose], float), BODY)[0] == pytest.approx(gap)
 
 
 @pytest.mark.parametrize(
@@ -194,16 +194,16 @@ def test_gap_between_outline_and_obstacle(section, pose, gap):
 )
 def test_overlap_is_no_clearance(section):
     floor = rasterise([section], (-2, -2, 2, 2), 0.5)
-    assert clearances(floor, np.zeros((1, 3)), VEHICLE)[0] <= 0.0
+    assert clearances(floor, np.zeros((1, 3)), BODY)[0] <= 0.0
 
 
 def test_the_least_clearance_of_many_is_that_of_all():
     floor = build_world(load("experiment")).floor
     rng = np.random.default_rng(0)
     poses = np.column_stack([rng.uniform(0, 4, (300, 2)), rng.uniform(-3, 3, 300)])
-    for chosen in (poses, poses[clearances(floor, poses, VEHICLE) > 0.05]):
-        expected = clearances(floor, chosen, VEHICLE).min()
-        assert least_clearance(floor, chosen, VEHICLE) == expected
+    for chosen in (poses, poses[clearances(floor, poses, BODY) > 0.05]):
+        expected = clearances(floor, chosen, BODY).min()
+        assert least_clearance(floor, chosen, BODY) == expected
 
 
 def test_profiler_times_stages_and_its_absence_costs_nothing():

@@ -1,8 +1,11 @@
-"""Scenarios: read strictly, overridden by dotted keys, refused in one line, written back whole."""
+"""Scenario files: validation, overrides, errors in one line, and saving."""
 
 from __future__ import annotations
 
 import string
+import subprocess
+import sys
+import typing
 from dataclasses import fields, is_dataclass
 
 import numpy as np
@@ -11,8 +14,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from simloop.common.errors import InputError
+from simloop.config import MOVED_KEYS, Config
+from simloop.mapping.grid_map import GridMap
 from simloop.scenario.build import build_world, nearest
 from simloop.scenario.catalog import arena_files, planner_names, scenario_facts, scenario_files
+from simloop.scenario.explain import keys_at
 from simloop.scenario.load import apply_override, from_table, load
 from simloop.scenario.save import to_toml
 from simloop.scenario.scenario import Scenario
@@ -40,7 +46,7 @@ def test_every_scenario_loads_builds_and_survives_being_written(name, tmp_path):
     assert scenario.name == name and scenario_facts(scenario_files()[name])["title"]
     world = build_world(scenario)
     ends = np.array([scenario.start[:2], scenario.goal])
-    assert np.all(world.floor.clearance_m(ends) >= scenario.config.vehicle.footprint_radius_m)
+    assert np.all(world.floor.clearance_m(ends) >= world.body.footprint_radius_m)
     saved = write(tmp_path, to_toml(scenario, {"simloop": "0.1.0"}), "other_name.toml")
     assert load(saved) == scenario
 
@@ -189,6 +195,13 @@ def test_an_arena_of_ones_own_is_found_beside_the_scenario(tmp_path):
     assert build_world(scenario).floor.contains([0.0, 0.0])
 
 
+def test_scenarios_are_read_without_mujoco():
+    """The import of MuJoCo is slow, and fails where MUJOCO_GL names what is not there."""
+    code = "import sys, simloop.scenario.load as l; l.load('maze'); print('mujoco' in sys.modules)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "False"
+
+
 NUMBERS = st.floats(-1e4, 1e4)
 TEXT = st.text(alphabet=string.printable + "äß€\x7f\x00\u2028😀", max_size=30)
 
@@ -243,6 +256,47 @@ def test_clutter_is_drawn_from_the_seed_alone():
     assert outlines(3).shape != outlines(4).shape or not np.array_equal(outlines(3), outlines(4))
 
 
+def tables(holder=Scenario, location=()):
+    """(location, class) of every table that a scenario file may hold, at any depth."""
+    yield list(location), holder
+    for field in fields(holder):
+        inner = "" if field.name == "config" else field.name
+        for found in dataclasses_in(typing.get_type_hints(holder)[field.name]):
+            yield from tables(found, (*location, inner) if inner else location)
+
+
+def dataclasses_in(hint):
+    if is_dataclass(hint):
+        return [hint]
+    return [found for inner in typing.get_args(hint) for found in dataclasses_in(inner)]
+
+
+def test_an_unknown_key_is_answered_with_the_keys_of_its_own_table():
+    deep = [found for found in tables() if found[0]]
+    assert {len(location) for location, _ in deep} == {1, 2}
+    for location, holder in deep:
+        assert keys_at(location) == [field.name for field in fields(holder)]
+        # The same behind the index of a list, which pydantic puts between the keys.
+        assert keys_at([*location, 0]) == keys_at(location)
+    assert {"goal", "clutter", "planner", "rates"} <= set(keys_at([]))
+    assert "config" not in keys_at([])
+    assert keys_at(["goal"]) == keys_at(["clutter", "zones"]) == keys_at(["none"]) == []
+
+
+def test_a_prior_map_is_checked_without_building_its_grid(tmp_path, monkeypatch):
+    (tmp_path / "map.pgm").write_bytes(b"P5 4 1 255\n" + bytes([0, 255, 120, 180]))
+    file = tmp_path / "map.yaml"
+    file.write_text("image: map.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n")
+
+    def refused(*_):
+        raise AssertionError("the loader built a grid")
+
+    monkeypatch.setattr(GridMap, "of", refused)
+    assert load("open", [f'slam.prior_map="{file}"']).config.slam.prior_map == str(file)
+    (tmp_path / "map.pgm").write_bytes(b"P5 4 1 255\n")
+    assert "cut off" in error_of("open", [f'slam.prior_map="{file}"'])
+
+
 def test_nearest_names_what_stands_there():
     floor = build_world(load("experiment")).floor
     distance, name = nearest(floor, np.array([2.05, 0.55 + 0.19 + 0.05]))
@@ -268,3 +322,32 @@ def test_zones_and_payload_survive_being_written_and_read(tmp_path):
     assert load(again, [f'name="{wanted.name}"']).config == wanted.config
     with pytest.raises(InputError, match="min_m"):
         load(file, ["tracks.zones.0.min_m=[5, 5]"])
+
+
+def test_keys_of_older_files_are_read_as_what_they_are_now(tmp_path):
+    file = tmp_path / "old.toml"
+    file.write_text(
+        'arena = "open"\nstart = [1.0, 1.0, 0.0]\ngoal = [3.0, 1.0]\n'
+        "[tracker]\nmax_speed_mps = 0.3\nmonitor_margin_m = 0.02\nstuck_s = 2.0\ncreep_mps = 0.2\n"
+    )
+    config = load(file, ["tracker.max_accel_mps2=0.5"]).config
+    assert (config.drive.max_speed_mps, config.drive.max_accel_mps2) == (0.3, 0.5)
+    assert (config.monitor.margin_m, config.recovery.stuck_s) == (0.02, 2.0)
+    assert config.tracker.creep_mps == 0.2
+    assert load(file, ["drive.max_speed_mps=0.4"]).config.drive.max_speed_mps == 0.4
+
+
+def test_an_old_key_beside_its_new_one_is_refused(tmp_path):
+    file = tmp_path / "both.toml"
+    file.write_text(
+        'arena = "open"\nstart = [1.0, 1.0, 0.0]\ngoal = [3.0, 1.0]\n'
+        "[tracker]\nmax_speed_mps = 0.3\n[drive]\nmax_speed_mps = 0.4\n"
+    )
+    with pytest.raises(InputError, match=r"tracker\.max_speed_mps is now drive\.max_speed_mps"):
+        load(file)
+
+
+def test_every_old_key_leads_to_a_setting_that_exists():
+    for new in MOVED_KEYS.values():
+        section, key = new.split(".")
+        assert hasattr(getattr(Config(), section), key)

@@ -1,4 +1,4 @@
-"""Arenas, true floor plans, and rooms drawn from a seed."""
+"""Arenas, true floor plans, and clutter that is drawn from a seed."""
 
 from __future__ import annotations
 
@@ -12,12 +12,15 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from simloop.worlds.arena import arena_names, arena_path, bounds_of, build
-from simloop.worlds.cross_section import floor_plan, section_of_geom
+from simloop.worlds.body import Body
+from simloop.worlds.cross_section import floor_plan, section_of
 from simloop.worlds.floor_plan import BAND_M, Section, is_blocked, is_passable, rasterise
-from simloop.worlds.generators.clutter import draw_clutter
+from simloop.worlds.generators.clutter import draw_clutter, hide_from_lidar
 from simloop.worlds.obstacles import Obstacle
+from simloop.worlds.solids import solid_of_model
 
 START, GOAL = np.zeros(2), np.array([3.6, 3.9])
+BODY = Body(0.49, 0.465, 0.2)
 ROOM = (-0.65, -0.55, 4.35, 4.45)
 LOOK = arena_path("open").parent / "assets" / "look.xml"
 
@@ -143,15 +146,15 @@ def test_a_section_is_what_the_solid_shows_between_two_heights(
     draw = np.random.default_rng(7).uniform(-0.35, 0.35, (40_000, 3)) + data.geom_xpos[0]
     draw[:, 2] = np.random.default_rng(8).uniform(*BAND_M, len(draw))
     seen = draw[in_solid(model, data, draw)][:, :2]
-    section = section_of_geom(model, data, 0, "it", BAND_M)
+    section = section_of(solid_of_model(model, data, 0), BAND_M)
     if section is None:
         assert len(seen) < 20  # at most a sliver, or it merely touches the band
         return
     plan = rasterise([section], (-1.0, -1.0, 1.0, 1.0), 1.0)
     if len(seen):
         assert plan.clearance_m(seen).max() < 1e-3  # nothing sticks out
-    # Nothing is too large either: at every point 2 mm within the outline, the solid is there at
-    # some height. (It is all there is to ask: outline and solid are convex.)
+    # Nor is the outline too large: at every point 2 mm inside it, the solid is there at some
+    # height. That is enough, because outline and solid are convex.
     rim = rim_of(section)
     centre = rim.mean(axis=0)
     away = np.hypot(*(rim - centre).T)[:, None]
@@ -237,7 +240,7 @@ def test_impossible_obstacles_are_refused(
 
 @pytest.mark.parametrize("seed", range(12))
 def test_a_drawn_room_is_blocked_passable_and_leaves_room_to_turn(seed: int) -> None:
-    room = draw_clutter(np.random.default_rng(seed), START, GOAL, ROOM)
+    room = draw_clutter(np.random.default_rng(seed), START, GOAL, ROOM, BODY)
     plan = floor_plan(build("clutter", room))
     assert len(room) == 12
     assert is_blocked(plan, START, GOAL)
@@ -268,9 +271,9 @@ def test_an_arena_that_would_not_be_what_it_seems_is_refused(tmp_path, old, new,
 
 
 def test_a_seed_is_a_room() -> None:
-    first = draw_clutter(np.random.default_rng(4), START, GOAL, ROOM)
-    again = draw_clutter(np.random.default_rng(4), START, GOAL, ROOM)
-    other = draw_clutter(np.random.default_rng(5), START, GOAL, ROOM)
+    first = draw_clutter(np.random.default_rng(4), START, GOAL, ROOM, BODY)
+    again = draw_clutter(np.random.default_rng(4), START, GOAL, ROOM, BODY)
+    other = draw_clutter(np.random.default_rng(5), START, GOAL, ROOM, BODY)
     assert first == again
     assert first != other
 
@@ -278,23 +281,37 @@ def test_a_seed_is_a_room() -> None:
 def test_a_room_that_cannot_be_drawn_is_refused() -> None:
     rng = np.random.default_rng(0)
     with pytest.raises(ValueError, match="inside the walls"):
-        draw_clutter(rng, START, (4.3, 3.9), ROOM)
-    with pytest.raises(ValueError, match="so near that nothing"):
+        draw_clutter(rng, START, (4.3, 3.9), ROOM, BODY)
+    with pytest.raises(ValueError, match="so near that no obstacle"):
         # Nothing can stand between two ends so close that both need the room to turn.
-        draw_clutter(rng, START, (0.8, 0.0), ROOM, count=1)
+        draw_clutter(rng, START, (0.8, 0.0), ROOM, BODY, count=1)
     with pytest.raises(ValueError, match="no place for 60 obstacles: ask for fewer"):
-        draw_clutter(rng, START, GOAL, ROOM, count=60)
+        draw_clutter(rng, START, GOAL, ROOM, BODY, count=60)
 
 
 def test_what_is_drawn_keeps_clear_of_what_stands() -> None:
     there = Section("pillar", np.array([[1.5, 1.5], [2.5, 1.5], [2.5, 2.5], [1.5, 2.5]]))
-    room = draw_clutter(np.random.default_rng(3), START, GOAL, ROOM, 8, standing=[there])
+    room = draw_clutter(np.random.default_rng(3), START, GOAL, ROOM, BODY, 8, standing=[there])
     alone = rasterise([there], ROOM, 1.0)
     for item in room:
         for section in item.sections():
             assert alone.clearance_m(section.vertices_m).min() - section.radius_m > 0.0
     plan = rasterise([there, *(s for item in room for s in item.sections())], ROOM, 0.025)
     assert is_passable(plan, START, GOAL, 0.29)
+
+
+@pytest.mark.parametrize("lidar_m", [0.15, 0.2, 0.4])
+def test_hidden_obstacles_miss_the_lidars_plane_wherever_it_is(lidar_m):
+    room = draw_clutter(np.random.default_rng(2), START, GOAL, ROOM, BODY)
+    hidden = hide_from_lidar(np.random.default_rng(0), room * 20, 1.0, lidar_m)
+    tops = np.array([item.bottom_m + item.height_m for item in hidden])
+    bottoms = np.array([item.bottom_m for item in hidden])
+    below, above = tops < lidar_m, bottoms > lidar_m
+    assert np.all(below | above)
+    kinds = [below & (bottoms == 0.0), below & (bottoms > 0.0), above]
+    assert all(0.2 < kind.mean() < 0.5 for kind in kinds)
+    assert hide_from_lidar(np.random.default_rng(0), room, 0.0, lidar_m) == room
+    assert hide_from_lidar(np.random.default_rng(0), room, 0.5, lidar_m) != room
 
 
 def test_a_passage_is_as_wide_as_it_is() -> None:

@@ -1,4 +1,4 @@
-"""The vehicle's and the arenas' files: masses, measures, rest, contacts."""
+"""The model files of vehicle and arenas: masses, sizes, rest and contacts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What moves: how scenarios say it, how it truly goes, and who is to blame for a touch."""
+"""Movers: their settings, how they move, and who is to blame for a touch."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simloop.common.errors import InputError
-from simloop.config import VehicleConfig
 from simloop.loop import Simulation
-from simloop.messages import GoalReading, MoverTracks, RobotStatus, TrackCommand
+from simloop.messages import GoalReading, MapUpdate, MoverTracks, RobotStatus, TrackCommand
 from simloop.scenario.load import load
 from simloop.truth import LooseTruth
+from simloop.worlds.body import Body
 from simloop.worlds.floor_plan import Section, rasterise
 from simloop.worlds.movers.crowd import Crowd, MovingGoal, on_path
-from simloop.worlds.movers.draw import draw_crowd
-from simloop.worlds.movers.motion import Outline, gap_to_outline, room_at
+from simloop.worlds.movers.motion import FloorField, RobotOutline, clearance_at, gap_to_outline
+from simloop.worlds.movers.random_crowd import draw_crowd
 from simloop.worlds.movers.settings import Crowd as CrowdSettings
 from simloop.worlds.movers.settings import GoalMotion, Mover
 
@@ -28,11 +28,11 @@ PERIOD_S = 0.01
 FLOOR = rasterise(
     [Section("pillar", np.array([[2.0, 2.0]]), 0.3)], np.array([0.0, 0.0, 5.0, 4.0]), 0.02
 )
-VEHICLE = VehicleConfig()
+BODY = Body(0.49, 0.465, 0.2)
 
 
 def crowd_of(*movers, seed=0):
-    return Crowd(movers, FLOOR, VEHICLE, PERIOD_S, np.random.default_rng(seed))
+    return Crowd(movers, FLOOR, BODY, PERIOD_S, np.random.default_rng(seed))
 
 
 def mover(motion, x=1.0, y=1.0, **more):
@@ -49,7 +49,7 @@ def mover(motion, x=1.0, y=1.0, **more):
         (["crowd.count=0"], "crowd.count"),
         (["crowd.speed_mps=[0.5,0.2]"], "least first"),
         (["crowd.count=100", "crowd.diameter_m=[1.0,1.2]"], "ask for fewer"),
-        (["movers=[{motion='walk',position_m=[1.0,1.0]}]"], "begin inside one another"),
+        (["movers=[{motion='walk',position_m=[1.0,1.0]}]"], "overlap at the start"),
         (["goal_motion.motion=path", "goal_motion.keys_txy=[[0,1,1],[2,2,2]]"], "first key"),
         (["goal_motion.speed_mps=-1"], "goal_motion.speed_mps"),
     ],
@@ -63,7 +63,7 @@ def test_what_is_wrong_with_a_mover_is_said_in_one_line(keys, line):
 @pytest.mark.parametrize("motion", ["constant", "walk", "pedestrian"])
 def test_movers_keep_to_the_free_floor_and_to_their_speed(motion):
     crowd = crowd_of(mover(motion, speed_mps=0.5), mover(motion, 4.0, 3.0, speed_mps=0.3))
-    before, way = crowd.place.copy(), np.zeros(2)
+    before, way = np.array([[1.0, 1.0], [4.0, 3.0]]), np.zeros(2)
     for _ in range(6000):
         after = crowd.step(None).copy()
         step = np.hypot(*(after - before).T)
@@ -112,7 +112,7 @@ def test_pedestrians_keep_clear_of_the_robot_that_others_run_into():
         gaps = []
         for _ in range(3000):
             x, y = crowd.step(robot)[0]
-            gaps.append(gap_to_outline(Outline(*robot, 0.245, 0.2325), x, y)[0] - 0.2)
+            gaps.append(gap_to_outline(RobotOutline(*robot, 0.245, 0.2325), x, y)[0] - 0.2)
         return min(gaps)
 
     assert least_gap("pedestrian") > 0.0
@@ -121,7 +121,7 @@ def test_pedestrians_keep_clear_of_the_robot_that_others_run_into():
 
 @given(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(-math.pi, math.pi))
 def test_the_gap_to_the_outline_is_that_to_its_nearest_point(x, y, yaw):
-    gap, nx, ny = gap_to_outline(Outline(0.1, -0.2, yaw, 0.245, 0.2325), x, y)
+    gap, nx, ny = gap_to_outline(RobotOutline(0.1, -0.2, yaw, 0.245, 0.2325), x, y)
     assert math.hypot(nx, ny) == pytest.approx(1.0)
     t = np.linspace(-1.0, 1.0, 401)
     sides = [(0.245 * s, 0.2325 * t) for s in (-1, 1)] + [(0.245 * t, 0.2325 * s) for s in (-1, 1)]
@@ -132,9 +132,10 @@ def test_the_gap_to_the_outline_is_that_to_its_nearest_point(x, y, yaw):
 
 
 def test_room_is_that_of_the_floor_plan_and_of_its_bounds():
-    crowd = crowd_of(mover("walk"))
+    corner = FLOOR.origin_m.tolist()
+    field = FloorField(FLOOR.distance_m, *corner, FLOOR.resolution_m, FLOOR.bounds_m)
     for x, y in np.random.default_rng(0).uniform([0.1, 0.1], [4.9, 3.9], (200, 2)):
-        room, nx, ny = room_at(crowd._floor, x, y)
+        room, nx, ny = clearance_at(field, x, y)
         sides = min(x, y, 5.0 - x, 4.0 - y)
         exact = min(float(FLOOR.clearance_m(np.array([x, y]))[0]), sides)
         assert room == pytest.approx(exact, abs=0.01)
@@ -158,7 +159,7 @@ def test_a_drawn_crowd_has_room_and_each_motion_in_turn():
 
 def test_a_moving_goal_keeps_its_room_and_is_told_with_its_noise():
     motion = GoalMotion(speed_mps=0.5, noise_m=0.02, room_m=0.4)
-    goal = MovingGoal(motion, (1.0, 1.0), FLOOR, VEHICLE, PERIOD_S, np.random.default_rng(0))
+    goal = MovingGoal(motion, (1.0, 1.0), FLOOR, BODY, PERIOD_S, np.random.default_rng(0))
     errors, t_ns = [], 0
     for _ in range(20_000):
         place = goal.step()
@@ -175,16 +176,16 @@ ROUND = ((0.0, 3.0, 1.0), (4.0, 1.3, 1.0), (40.0, 1.3, 1.0))
 
 
 def driven(volts, **more):
-    """A robot at (1, 1) that looks along x, driven by a hand, and a mover that comes to meet it."""
+    """A robot at (1, 1) that looks along x, at a fixed voltage, and a mover that approaches it."""
     one = Mover(motion="path", keys_txy=ROUND, **more)
     scenario = replace(load("hall", ["time_limit_s=6", "start=[1.0,1.0,0.0]"]), movers=(one,))
     sim = Simulation(replace(scenario, crowd=None))
 
     def hand(readings):
-        still = np.zeros(2)
-        return TrackCommand(readings.encoders.t_ns, 0.0, 0.0, still, np.full(2, volts), "follow")
+        still, t_ns = np.zeros(2), readings.encoders.t_ns
+        return TrackCommand(t_ns, 0.0, 0.0, still, np.full(2, volts), "follow")
 
-    sim.robot = SimpleNamespace(step=hand, said=[], status=RobotStatus.DRIVING)
+    sim.robot = SimpleNamespace(step=hand, messages=[], status=RobotStatus.DRIVING)
     return sim.run().metrics
 
 
@@ -236,11 +237,12 @@ def test_a_goal_that_walks_is_caught():
 
 def test_movers_are_kept_out_of_the_map():
     """What crosses the room for ten seconds leaves no trace of itself."""
-    sim = Simulation(load("hall", ["time_limit_s=12"], seed=4))
+    heard = []
+    sim = Simulation(load("hall", ["time_limit_s=12"], seed=4), listeners=[heard.append])
     sim.run()
-    slam, floor = sim.robot._slam, sim.world.floor
-    rows, columns = np.nonzero(slam.occupied)
-    centres = slam.origin_m + (np.stack([columns, rows], axis=1) + 0.5) * slam.resolution_m
+    last, floor = [m for m in heard if isinstance(m, MapUpdate)][-1], sim.world.floor
+    rows, columns = np.nonzero(last.log_odds > sim.scenario.config.slam.occupied_log_odds)
+    centres = last.origin_m + (np.stack([columns, rows], axis=1) + 0.5) * last.resolution_m
     inside = np.all((centres > 0.3) & (centres < 9.7), axis=1)
     ghosts = floor.clearance_m(centres[inside]) > 0.15
     assert ghosts.sum() < 60

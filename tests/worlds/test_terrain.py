@@ -1,4 +1,4 @@
-"""Ground that is not flat, friction images and loose things: from the scenario into the plant."""
+"""Terrain, friction images and loose things, from the scenario to the plant."""
 
 from __future__ import annotations
 

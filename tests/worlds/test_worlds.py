@@ -1,4 +1,4 @@
-"""Worlds that are no MJCF: drawn, or read from others' files."""
+"""Worlds that are drawn from a seed, or read from map_server and Gazebo files."""
 
 from __future__ import annotations
 
@@ -10,16 +10,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simloop.common.errors import InputError
-from simloop.config import VehicleConfig
 from simloop.scenario.build import build_world
 from simloop.scenario.load import load
+from simloop.worlds.body import Body
 from simloop.worlds.floor_plan import is_passable, rasterise
 from simloop.worlds.gazebo_world import read_sdf
 from simloop.worlds.generators import buildings, fields, mazes
 from simloop.worlds.generators.generator import Generator, draw_world
 from simloop.worlds.layout import walls_about
-from simloop.worlds.map_server_world import read_picture, rectangles
+from simloop.worlds.map_server_world import read_map_world, tile_rectangles
 
+BODY = Body(0.49, 0.465, 0.2)
 KINDS = ("barn", "forest", "rooms", "maze", "gaps", "utrap")
 
 
@@ -31,7 +32,7 @@ def test_a_world_is_its_seeds_and_can_be_crossed(kind):
     assert np.array_equal(floor.distance_m, again.distance_m)
     assert not np.array_equal(floor.distance_m, other.distance_m)
     start, goal = np.array(scenario.start[:2]), np.array(scenario.goal)
-    assert is_passable(floor, start, goal, 0.5 * scenario.config.vehicle.width_m)
+    assert is_passable(floor, start, goal, 0.5 * BODY.width_m)
     assert floor.bounds_m.tolist() == [0.0, 0.0, *scenario.generator.size_m]
 
 
@@ -109,7 +110,7 @@ def test_the_dead_ends_bar_the_straight_way_and_open_towards_the_start():
     ends = np.array([[0.8, 4.0], [9.2, 4.0]])
     for seed in range(10):
         rng = np.random.default_rng(seed)
-        things = mazes.dead_ends(rng, (0, 0, 10, 8), 2.5, 2, ends)
+        things = mazes.dead_ends(rng, 2.5, 2, ends)
         plan = rasterise([s for one in things for s in one.sections()], (0, 0, 10, 8))
         line = ends[0] + np.linspace(0, 1, 800)[:, None] * (ends[1] - ends[0])
         assert plan.clearance_m(line).min() < 0.0
@@ -121,7 +122,7 @@ def test_what_cannot_be_crossed_is_told_after_two_hundred_trials():
     wall_to_wall = Generator("barn", (3.0, 4.0), density=0.9)
     rng = np.random.default_rng(0)
     with pytest.raises(ValueError, match="no passable barn"):
-        draw_world(wall_to_wall, rng, (1.5, 0.6), (1.5, 3.4), VehicleConfig())
+        draw_world(wall_to_wall, rng, (1.5, 0.6), (1.5, 3.4), BODY)
 
 
 @pytest.mark.parametrize(
@@ -155,7 +156,7 @@ def save_picture(filled, file, resolution=0.05, origin=(-1.0, 2.0)):
 def test_rectangles_tile_the_filled_cells_exactly(seed, share):
     filled = np.random.default_rng(seed).random((13, 17)) < share
     count = np.zeros(filled.shape, int)
-    for r0, c0, r1, c1 in rectangles(filled):
+    for r0, c0, r1, c1 in tile_rectangles(filled):
         count[r0:r1, c0:c1] += 1
     assert np.array_equal(count, filled.astype(int))
 
@@ -165,7 +166,7 @@ def test_a_map_stands_up_to_the_cell(tmp_path):
     filled[[0, -1]] = filled[:, [0, -1]] = True
     filled[30:50, 40:45] = True
     save_picture(filled, tmp_path / "hall.yaml")
-    layout = read_picture(tmp_path / "hall.yaml")
+    layout = read_map_world(tmp_path / "hall.yaml")
     assert layout.bounds_m == pytest.approx((-1.0, 2.0, 4.0, 6.0))
     plan = rasterise([s for one in layout.obstacles for s in one.sections()], layout.bounds_m)
     y, x = np.mgrid[0:80, 0:100]

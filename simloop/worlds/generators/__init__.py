@@ -1,1 +1,1 @@
-"""TODO."""
+"""Worlds and clutter that are drawn from a seed."""

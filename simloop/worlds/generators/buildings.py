@@ -1,4 +1,4 @@
-"""Rooms with doors, and walls with gaps."""
+"""Draws buildings: rooms with doors, and walls with gaps."""
 
 from __future__ import annotations
 
@@ -11,16 +11,24 @@ from simloop.worlds.generators.mazes import spanning_walls
 from simloop.worlds.layout import WALL_M, Bounds, box
 from simloop.worlds.obstacles import Obstacle
 
-_JAMB_M = 0.3  # from a door to the corner of its room
+_JAMB_M = 0.3  # least distance from a door to the corner of its room
 _HALF = 0.5 * WALL_M
 
 
 def rooms(
     rng: np.random.Generator, bounds: Bounds, room_m: float, door_m: float, loops: float
 ) -> list[Obstacle]:
-    """Rooms of about ``room_m``; doors of ``door_m`` between those that a random tree joins.
+    """Draws a grid of rooms, with doors between those that a random spanning tree joins.
 
-    loops: of the other walls, the share that has a door as well.
+    Args:
+        rng: the source of all draws.
+        bounds: x_min, y_min, x_max, y_max of the floor in map, m.
+        room_m: about how long and wide a room is, m.
+        door_m: width of the doors, m.
+        loops: share of the other walls that have a door as well, 0 to 1.
+
+    Returns:
+        The inner walls.
     """
     x0, y0, x1, y1 = bounds
     columns, rows = (max(1, round(span / room_m)) for span in (x1 - x0, y1 - y0))
@@ -49,9 +57,17 @@ def gaps(
     widths_m: Sequence[float],
     ends: FloatArray,
 ) -> list[Obstacle]:
-    """Walls across, every ``apart_m`` along x, with one gap each of the widths in turn.
+    """Draws walls across the way, with one gap each at a random place.
 
-    ends: (2, 2) start and goal, from which the walls keep half of ``apart_m``.
+    Args:
+        rng: the source of all draws.
+        bounds: x_min, y_min, x_max, y_max of the floor in map, m.
+        apart_m: distance between two walls along x, m.
+        widths_m: of the gaps, in turn, m.
+        ends: (2, 2) start and goal, x, y in map, m; walls stand between them along x.
+
+    Returns:
+        The pieces of the walls.
     """
     y0, y1 = bounds[1], bounds[3]
     low, high = np.sort(ends[:, 0])
@@ -67,7 +83,7 @@ def gaps(
 def _beside_a_door(
     rng: np.random.Generator, low: float, high: float, door_m: float
 ) -> list[tuple[float, float]]:
-    """The pieces of a wall from ``low`` to ``high`` that a door leaves; 0: no door."""
+    """The pieces of a wall from ``low`` to ``high`` beside a door; a width of 0 means no door."""
     if door_m <= 0.0:
         return [(low, high)]
     jamb = min(_JAMB_M, 0.5 * max(0.0, high - low - door_m))

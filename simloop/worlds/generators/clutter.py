@@ -1,4 +1,4 @@
-"""Rooms drawn from a seed: obstacles that block the straight way and leave a passable one."""
+"""Clutter drawn from a seed: obstacles that block the straight line and leave a passable way."""
 
 from __future__ import annotations
 
@@ -8,26 +8,31 @@ from dataclasses import replace
 
 import numpy as np
 
-from simloop.config import VehicleConfig
 from simloop.messages import FloatArray
+from simloop.worlds.body import Body
 from simloop.worlds.floor_plan import (
     FloorPlan,
     Section,
+    distance_to_bounds,
     is_blocked,
     is_passable,
     rasterise,
-    to_walls,
 )
 from simloop.worlds.obstacles import Obstacle, ShapeName
 
 _SHAPES: tuple[ShapeName, ...] = ("box", "cylinder", "ellipse", "polygon", "ell")
-_ROOMS = 200
-_PLACES = 200
-_FULL_ROOMS = 20
+_ROOMS = 200  # trials of a whole room
+_PLACES = 200  # trials of a single obstacle in a room
+_FULL_ROOMS = 20  # rooms in which not all obstacles found a place, before it gives up
 _RASTER_M = 0.025
 _APART_M = 0.04
 _TURNING_ROOM_M = 0.11
 _SLACK_M = 0.04
+# Heights as shares of the LiDAR's: the LiDAR at 0.2 m has a range of 0.05 to 0.12 m for feet.
+_FOOT = (0.25, 0.6)  # lower edge of what hangs below the LiDAR's plane
+_TOP = (0.75, 0.9)  # upper edge of what stands or hangs below it
+_SHELF = 1.05  # lower edge of what hangs above it, below the top of the mast
+_SHELF_HEIGHT_M = 0.3
 
 
 def draw_clutter(
@@ -35,28 +40,40 @@ def draw_clutter(
     start: Sequence[float] | FloatArray,
     goal: Sequence[float] | FloatArray,
     bounds: Sequence[float] | FloatArray,
+    body: Body,
     count: int = 12,
-    vehicle: VehicleConfig | None = None,
-    d_safe: float = 0.26,
+    safe_distance_m: float = 0.26,
     standing: Sequence[Section] = (),
 ) -> list[Obstacle]:
-    """Obstacles of different shapes, as large as discs of radius 0.10-0.25 m.
+    """Draws obstacles of different shapes, each as large as a disc of radius 0.10 to 0.25 m.
 
-    start, goal: (2,) or (3,), m, in map; bounds: (4,) x_min, y_min, x_max, y_max, m; standing:
-    what stands there already and is kept clear of. Drawn again
-    until the straight line from start to goal is blocked and a disc 4 cm wider in radius than
-    the robot's safety distance can still pass; start and goal keep room for the robot to turn.
-    Raises ValueError where that cannot be, or was not found in 200 rooms.
+    Rooms are drawn until the straight line from start to goal is blocked and a disc with a radius
+    4 cm larger than the safe distance can pass. Start and goal keep room for the robot to turn.
+
+    Args:
+        rng: the source of all draws.
+        start: (2,) or (3,) x, y, ... of the robot in map, m.
+        goal: (2,) or (3,) x, y, ... in map, m.
+        bounds: (4,) x_min, y_min, x_max, y_max of the room in map, m.
+        body: the robot's true outline.
+        count: how many obstacles.
+        safe_distance_m: that the planner keeps between its path and obstacles, m.
+        standing: what stands there already; obstacles keep clear of it.
+
+    Returns:
+        The obstacles.
+
+    Raises:
+        ValueError: if start or goal leave no room, or no room was found in 200 trials.
     """
-    vehicle = vehicle if vehicle is not None else VehicleConfig()
     ends = np.array([start[:2], goal[:2]], dtype=np.float64)
     walls = np.array(bounds, dtype=np.float64)
-    passage_m = max(d_safe, vehicle.footprint_radius_m) + _SLACK_M
-    turning_m = math.hypot(0.5 * vehicle.length_m, 0.5 * vehicle.width_m) + _TURNING_ROOM_M
-    if np.any(to_walls(ends, walls) < passage_m):
+    passage_m = max(safe_distance_m, body.footprint_radius_m) + _SLACK_M
+    turning_m = body.turning_radius_m + _TURNING_ROOM_M
+    if np.any(distance_to_bounds(ends, walls) < passage_m):
         raise ValueError(f"start and goal must be at least {passage_m:.2f} m inside the walls")
     if math.dist(*ends) < 2.0 * turning_m:
-        raise ValueError("start and goal are so near that nothing drawn could stand between them")
+        raise ValueError("start and goal are so near that no obstacle can stand between them")
     there, full = rasterise(standing, walls, _RASTER_M), 0
     for _ in range(_ROOMS):
         room = _draw_room(rng, ends, walls, count, turning_m, there)
@@ -75,21 +92,35 @@ def draw_clutter(
     )
 
 
-def out_of_plane(
-    rng: np.random.Generator, obstacles: Sequence[Obstacle], share: float
+def hide_from_lidar(
+    rng: np.random.Generator, obstacles: Sequence[Obstacle], share: float, lidar_height_m: float
 ) -> list[Obstacle]:
-    """The obstacles, about a share of them such as the LiDAR's plane misses.
+    """Moves some obstacles out of the LiDAR's plane, where the robot still meets them.
 
-    In equal parts lower than it, hung up below it, and hung up above it, where the mast alone hits.
+    In equal parts they stand lower than the plane, hang below it, and hang above it, where only the
+    mast meets them.
+
+    Args:
+        rng: the source of all draws; each obstacle takes the same number of them.
+        obstacles: to choose from.
+        share: of the obstacles that is moved, on average, 0 to 1.
+        lidar_height_m: height of the plane, m.
+
+    Returns:
+        All obstacles in their order, changed or not.
     """
+    # Rounded to the micrometre: a height of 0.21 m is then the number 0.21.
+    foot_low, foot_high, top_low, top_high, shelf = (
+        round(factor * lidar_height_m, 6) for factor in (*_FOOT, *_TOP, _SHELF)
+    )
     changed = []
     for item in obstacles:
         drawn, kind = rng.random(), rng.integers(3)
-        foot, top = rng.uniform((0.05, 0.15), (0.12, 0.18)).tolist()
-        bottom = (0.0, foot, 0.21)[kind]
-        height = 0.3 if kind == 2 else top - bottom
-        hung = replace(item, bottom_m=bottom, height_m=height)
-        changed.append(hung if drawn < share else item)
+        foot, top = rng.uniform((foot_low, top_low), (foot_high, top_high)).tolist()
+        bottom = (0.0, foot, shelf)[kind]
+        height = _SHELF_HEIGHT_M if kind == 2 else top - bottom
+        hidden = replace(item, bottom_m=bottom, height_m=height)
+        changed.append(hidden if drawn < share else item)
     return changed
 
 
@@ -101,14 +132,16 @@ def _draw_room(
     turning_m: float,
     there: FloorPlan,
 ) -> list[Obstacle] | None:
+    """``count`` obstacles that keep apart, or None if they did not all find a place."""
     room: list[Obstacle] = []
     for _ in range(_PLACES):
         if len(room) == count:
             return room
         item = draw_obstacle(rng, rng.uniform(walls[:2], walls[2:]))
+        # Only exact distances are asked for, so a raster of one cell is enough.
         alone = rasterise(item.sections(), walls, resolution_m=float(np.max(walls[2:] - walls[:2])))
         if np.any(alone.clearance_m(ends) < turning_m) or np.any(
-            to_walls(_outline(item), walls) < _APART_M
+            distance_to_bounds(_outline(item), walls) < _APART_M
         ):
             continue
         if there.sections and np.any(there.clearance_m(_outline(item)) < _APART_M):
@@ -124,7 +157,7 @@ def _apart(alone: FloorPlan, other: Obstacle) -> bool:
 
 
 def _outline(item: Obstacle) -> FloatArray:
-    """(N, 2) points round an obstacle, no more than about 2 cm apart."""
+    """(N, 2) points around an obstacle, at most about 2 cm apart."""
     pieces = []
     for section in item.sections():
         following = np.roll(section.vertices_m, -1, axis=0)
@@ -139,7 +172,15 @@ def _outline(item: Obstacle) -> FloatArray:
 
 
 def draw_obstacle(rng: np.random.Generator, position: FloatArray) -> Obstacle:
-    """One obstacle of a drawn shape, as large as a disc of radius 0.10-0.25 m."""
+    """Draws one obstacle of a random shape, as large as a disc of radius 0.10 to 0.25 m.
+
+    Args:
+        rng: the source of all draws.
+        position: (2,) x, y of its centre in map, m.
+
+    Returns:
+        The obstacle, standing on the floor.
+    """
     shape = _SHAPES[rng.integers(len(_SHAPES))]
     radius = rng.uniform(0.10, 0.25)
     yaw = float(rng.uniform(-math.pi, math.pi))
@@ -149,7 +190,7 @@ def draw_obstacle(rng: np.random.Generator, position: FloatArray) -> Obstacle:
     if shape == "polygon":
         corners = int(rng.integers(3, 7))
         angle = 2.0 * math.pi * (np.arange(corners) + rng.uniform(-0.2, 0.2, corners)) / corners
-        # Corners on an ellipse go round a convex polygon, whatever their angles.
+        # Corners on an ellipse make a convex polygon, whatever their angles.
         swell = radius * math.sqrt(2.0 * math.pi / corners / math.sin(2.0 * math.pi / corners))
         axes = np.array([math.sqrt(aspect), 1.0 / math.sqrt(aspect)]) * swell
         ring = axes * np.stack([np.cos(angle), np.sin(angle)], axis=1)

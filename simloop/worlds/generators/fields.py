@@ -1,4 +1,4 @@
-"""Open ground with many round things on it."""
+"""Draws open ground with many round obstacles on it."""
 
 from __future__ import annotations
 
@@ -13,14 +13,22 @@ _BARN_ROUNDS = 4
 _BARN_BORN, _BARN_DIES = 5, 1  # neighbours of eight
 _BARN_HEIGHT_M = 0.6
 _TRUNK_M = (0.1, 0.4)
-_PER_PLACE = 30
+_PER_PLACE = 30  # darts for each trunk that would find a place, at a density of 1
 
 
 def barn(rng: np.random.Generator, bounds: Bounds, density: float) -> list[Obstacle]:
-    """Cylinders of 0.15 m on a raster of as much, in clumps: after BARN (Perille et al. 2020).
+    """Draws clumps of cylinders on a raster of 0.15 m, after BARN (Perille et al. 2020).
 
-    Cells are filled by chance, and then a cellular automaton fills what has five filled neighbours
-    and empties what has one or none.
+    Cells are filled by chance. Then a cellular automaton fills cells with five filled neighbours or
+    more, and empties those with one or none.
+
+    Args:
+        rng: the source of all draws.
+        bounds: x_min, y_min, x_max, y_max of the floor in map, m.
+        density: share of the cells that are filled at first, 0 to 1.
+
+    Returns:
+        The cylinders, each of the size of a cell.
     """
     x0, y0, x1, y1 = bounds
     shape = int((x1 - x0) / _BARN_CELL_M), int((y1 - y0) / _BARN_CELL_M)
@@ -45,9 +53,16 @@ def barn(rng: np.random.Generator, bounds: Bounds, density: float) -> list[Obsta
 def forest(
     rng: np.random.Generator, bounds: Bounds, apart_m: float, density: float
 ) -> list[Obstacle]:
-    """Trunks whose surfaces are ``apart_m`` apart or more (dart throwing).
+    """Draws trunks of 0.1 to 0.4 m that keep a distance, by dart throwing.
 
-    density: of the darts that would fill the ground, how many are thrown.
+    Args:
+        rng: the source of all draws.
+        bounds: x_min, y_min, x_max, y_max of the floor in map, m.
+        apart_m: least distance between the surfaces of two trunks, m.
+        density: share of the darts that would fill the ground, 0 to 1.
+
+    Returns:
+        The trunks.
     """
     low, high = np.array(bounds[:2]), np.array(bounds[2:])
     mean_m = apart_m + sum(_TRUNK_M) / 2

@@ -1,8 +1,7 @@
-"""The table ``[generator]``: which kind of world is drawn from the scenario's seed."""
+"""The table ``[generator]``: the kind of world that is drawn from the scenario's seed."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from typing import Annotated, Literal
 
@@ -11,7 +10,7 @@ from pydantic import Field, model_validator
 from pydantic.dataclasses import dataclass
 
 from simloop.common.quantities import STRICT, Fraction, reject
-from simloop.config import VehicleConfig
+from simloop.worlds.body import Body
 from simloop.worlds.floor_plan import is_passable, rasterise
 from simloop.worlds.generators import buildings, fields, mazes
 from simloop.worlds.layout import WALL_M, Bounds, Layout, walls_about
@@ -22,19 +21,25 @@ _RASTER_M = 0.025
 _SLACK_M = 0.02
 _TURNING_ROOM_M = 0.08
 Metres = Annotated[float, Field(gt=0.0, le=100.0)]
-Point2 = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Generator:
-    """A floor from (0, 0) to ``size_m`` with walls about it, and within it by ``kind``:
+    """A floor from (0, 0) to ``size_m`` with walls around it and a kind of world inside.
 
-    barn: cylinders of 0.15 m, ``density`` of the cells at first, thinned by a cellular automaton.
-    forest: round trunks of 0.1 to 0.4 m, ``width_m`` apart or more, as dense as ``density``.
-    rooms: of ``cell_m``, doors of ``width_m`` in a tree of walls, and ``loops`` of the other walls.
-    maze: corridors of ``width_m``, perfect but for ``loops`` of its walls, which are left out.
-    gaps: a wall every ``cell_m`` along x with one gap each, of ``gaps_m`` in turn.
-    utrap: ``count`` dead ends of ``cell_m``, open towards where the robot comes from.
+    Attributes:
+        kind: ``barn``: clumps of cylinders of 0.15 m, after the BARN data set; ``forest``: round
+            trunks of 0.1 to 0.4 m; ``rooms``: rooms joined by doors; ``maze``: corridors;
+            ``gaps``: walls across the way with one gap each; ``utrap``: U-shaped dead ends.
+        size_m: length along x and along y, m.
+        width_m: least distance between trunks, width of doors or width of corridors, m.
+        cell_m: size of rooms, distance between the walls with gaps, or depth of dead ends, m.
+        gaps_m: the widths of the gaps, in turn, m.
+        density: share of a barn's cells that are filled before clumping; for a forest, share of the
+            trunks that would fill the ground.
+        loops: share of the walls that a tree of rooms or a perfect maze would have, and that get a
+            door or are left out.
+        count: number of dead ends.
     """
 
     kind: Literal["barn", "forest", "rooms", "maze", "gaps", "utrap"]
@@ -49,14 +54,14 @@ class Generator:
     @model_validator(mode="after")
     def _fits(self) -> Generator:
         if self.kind == "gaps" and (not self.gaps_m or max(self.gaps_m) >= self.size_m[1]):
-            raise reject("generator.gaps_m: one gap or more, each narrower than size_m in y")
+            raise reject("generator.gaps_m: give one gap or more, each narrower than size_m in y")
         if self.kind == "maze" and min(self.size_m) < 2.0 * (self.width_m + WALL_M):
-            raise reject("generator.size_m: no room for two corridors of width_m")
+            raise reject("generator.size_m: too small for two corridors of width_m")
         return self
 
     @property
     def bounds_m(self) -> Bounds:
-        """x_min, y_min, x_max, y_max of the floor."""
+        """x_min, y_min, x_max, y_max of the floor in map, m."""
         return (0.0, 0.0, *self.size_m)
 
 
@@ -65,15 +70,26 @@ def draw_world(
     rng: np.random.Generator,
     start: Sequence[float],
     goal: Sequence[float],
-    vehicle: VehicleConfig,
+    body: Body,
 ) -> Layout:
-    """A world in which the robot can get from start (2+) to goal (2), with room to turn at both.
+    """Draws worlds until the robot can get from start to goal, with room to turn at both.
 
-    Raises ValueError where none was found in 200 trials.
+    Args:
+        generator: the kind of world and its sizes.
+        rng: the source of all draws.
+        start: (2,) or (3,) x, y, ... of the robot in map, m.
+        goal: (2,) x, y in map, m.
+        body: the robot's true outline.
+
+    Returns:
+        The floor's bounds and its obstacles, walls included.
+
+    Raises:
+        ValueError: if none of 200 worlds can be crossed.
     """
     ends, bounds = np.array([start[:2], goal[:2]], float), generator.bounds_m
-    turning_m = math.hypot(0.5 * vehicle.length_m, 0.5 * vehicle.width_m) + _TURNING_ROOM_M
-    half_m = 0.5 * vehicle.width_m + _SLACK_M
+    turning_m = body.turning_radius_m + _TURNING_ROOM_M
+    half_m = 0.5 * body.width_m + _SLACK_M
     for _ in range(_TRIALS):
         things = _DRAW[generator.kind](generator, rng, ends)
         if generator.kind in ("barn", "forest"):
@@ -90,7 +106,7 @@ def draw_world(
 
 
 def _clear(one: Obstacle, ends: np.ndarray, room_m: float) -> bool:
-    """Whether a round thing leaves both ends room."""
+    """Whether a round obstacle leaves both ends (2, 2) the room asked for."""
     off = np.hypot(*(ends - np.array(one.position_m)).T) - 0.5 * one.size_m[0]
     return bool(np.all(off >= room_m))
 
@@ -116,7 +132,7 @@ def _gaps(g: Generator, rng: np.random.Generator, ends: np.ndarray) -> list[Obst
 
 
 def _utrap(g: Generator, rng: np.random.Generator, ends: np.ndarray) -> list[Obstacle]:
-    return mazes.dead_ends(rng, g.bounds_m, g.cell_m, g.count, ends)
+    return mazes.dead_ends(rng, g.cell_m, g.count, ends)
 
 
 _DRAW: dict[str, Callable[[Generator, np.random.Generator, np.ndarray], list[Obstacle]]] = {

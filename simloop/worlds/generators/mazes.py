@@ -1,4 +1,4 @@
-"""Mazes, and dead ends that look like ways."""
+"""Draws mazes, and dead ends on the way to the goal."""
 
 from __future__ import annotations
 
@@ -15,9 +15,16 @@ from simloop.worlds.obstacles import Obstacle
 def maze(
     rng: np.random.Generator, bounds: Bounds, corridor_m: float, loops: float
 ) -> list[Obstacle]:
-    """Walls of a maze that fills the bounds with corridors of at least ``corridor_m``.
+    """Draws a maze that fills the floor.
 
-    loops: the share of the walls that a perfect maze would have, and this one has not.
+    Args:
+        rng: the source of all draws.
+        bounds: x_min, y_min, x_max, y_max of the floor in map, m.
+        corridor_m: least width of the corridors, m.
+        loops: share of a perfect maze's walls that are left out, 0 to 1.
+
+    Returns:
+        The inner walls.
     """
     x0, y0, x1, y1 = bounds
     columns, rows = (
@@ -43,9 +50,16 @@ def maze(
 def spanning_walls(
     rng: np.random.Generator, columns: int, rows: int
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """The walls that are left when a random tree joins all cells (depth first).
+    """Draws a perfect maze: the walls that remain when a random tree joins all cells, depth first.
 
-    (columns - 1, rows) to the east of a cell, (columns, rows - 1) to its north.
+    Args:
+        rng: the source of all draws.
+        columns: number of cells along x.
+        rows: number of cells along y.
+
+    Returns:
+        (columns - 1, rows) whether a wall stands to the east of a cell, and (columns, rows - 1)
+        whether one stands to its north.
     """
     east = np.ones((columns - 1, rows), bool)
     north = np.ones((columns, rows - 1), bool)
@@ -71,17 +85,24 @@ def spanning_walls(
 
 
 def _runs(walls: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """First and beyond the last of each run of walls, so that a straight one is one box."""
+    """First and one past the last of each run of walls, so that a straight wall is one box."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], walls, [False]]).astype(int)))
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
 def dead_ends(
-    rng: np.random.Generator, bounds: Bounds, depth_m: float, count: int, ends: FloatArray
+    rng: np.random.Generator, depth_m: float, count: int, ends: FloatArray
 ) -> list[Obstacle]:
-    """U-shaped traps on the straight way from ends[0] to ends[1] (2, 2), open towards the start.
+    """Draws U-shaped traps on the straight line from start to goal, open towards the start.
 
-    Each is turned with the way, up to ``depth_m`` deep and wide, and drawn aside a little.
+    Args:
+        rng: the source of all draws.
+        depth_m: greatest depth and width of a trap, m.
+        count: number of traps.
+        ends: (2, 2) start and goal, x, y in map, m.
+
+    Returns:
+        Three walls for each trap.
     """
     way = ends[1] - ends[0]
     heading, length = math.atan2(way[1], way[0]), float(np.hypot(*way))
@@ -97,7 +118,7 @@ def dead_ends(
 
 
 def _trap(back: FloatArray, turn: float, deep: float, wide: float) -> list[Obstacle]:
-    """Three walls: its back about ``back`` (2,), its arms reaching against ``turn``."""
+    """Three walls: a back in the middle of ``back`` (2,), and arms that point against ``turn``."""
     cos, sin = math.cos(turn), math.sin(turn)
 
     def wall(x: float, y: float, length: float, width: float) -> Obstacle:

@@ -1,1 +1,1 @@
-"""Things that move by themselves: what a scenario says of them, and how they truly go."""
+"""Things that move by themselves: their settings, and how they truly move."""

@@ -1,7 +1,7 @@
-"""All movers of a run, and the goal that moves: truth, of which the robot is told nothing.
+"""All movers of a run, and the goal that moves: ground truth that the robot is not told.
 
-They stand between the plant's truth and its next step: where each is to be by the end of the
-coming control period.
+They stand between the plant's truth and its next step: they say where each mover is by the end of
+the coming control period.
 """
 
 from __future__ import annotations
@@ -11,18 +11,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simloop.config import VehicleConfig
 from simloop.geometry.se2 import wrap_angle
 from simloop.messages import FloatArray, GoalReading
+from simloop.worlds.body import Outline
 from simloop.worlds.floor_plan import FloorPlan
 from simloop.worlds.movers.motion import (
     CONSTANT,
     PATH,
     PEDESTRIAN,
     WALK,
-    Floor,
-    Herd,
-    Outline,
+    FloorField,
+    MoverStates,
+    RobotOutline,
     advance,
     gap_to_outline,
 )
@@ -30,60 +30,71 @@ from simloop.worlds.movers.settings import GoalMotion, Mover
 
 _KINDS = {"path": PATH, "constant": CONSTANT, "walk": WALK, "pedestrian": PEDESTRIAN}
 _FAR_M = 1e6
-_NEAR_M, _DEEP_M = 0.01, 0.06  # of the outline: who is this near has touched it; most there is
+_TOUCHING_M = 0.01  # from the outline: who is nearer while something touches has touched
+_DEEPEST_M = 0.06  # in the outline: who is deeper has touched, whatever else is known
 _BACK_S, _WAIT_S = 0.5, 2.0  # after a touch
-_NOBODY = Outline(_FAR_M, _FAR_M, 0.0, 0.0, 0.0)
+_NOBODY = RobotOutline(_FAR_M, _FAR_M, 0.0, 0.0, 0.0)
 
 
 class Crowd:
-    """Movers over a floor. rng: what they draw. ``place``: (n, 2) m, in map."""
+    """The movers over a floor plan.
+
+    Args:
+        movers: what moves.
+        floor: what stands.
+        body: the robot's true outline.
+        period_s: the control period, s.
+        rng: the source of all draws.
+    """
 
     def __init__(
         self,
         movers: Sequence[Mover],
         floor: FloorPlan,
-        vehicle: VehicleConfig,
+        body: Outline,
         period_s: float,
         rng: np.random.Generator,
     ) -> None:
         self._rng, self._period_s = rng, period_s
-        self._half = (0.5 * vehicle.length_m, 0.5 * vehicle.width_m)
+        self._half = (0.5 * body.length_m, 0.5 * body.width_m)
         distance = np.array(floor.distance_m, np.float32)
         corner = floor.origin_m.tolist()
         bounds = np.array(floor.bounds_m)
-        self._floor = Floor(distance, corner[0], corner[1], floor.resolution_m, bounds)
-        self._herd = _herd(movers)
+        self._floor = FloorField(distance, corner[0], corner[1], floor.resolution_m, bounds)
+        self._states = _initial_states(movers)
         self._paths = [
             _Path(i, np.array(mover.keys_txy), mover.pushes, 0.5 * mover.diameter_m)
             for i, mover in enumerate(movers)
             if mover.keys_txy
         ]
 
-    @property
-    def place(self) -> FloatArray:
-        """(n, 2) where they are, m."""
-        return self._herd.place
-
     def step(self, pose: FloatArray | None, touched: bool = False) -> FloatArray:
-        """Where they are, (n, 2), one control period later.
+        """Moves everyone by one control period.
 
-        pose: (3,) the robot's true one now; None if they are not to feel it. touched: whether
-        something touches the robot now.
+        Args:
+            pose: (3,) true x, y, yaw of the robot now; None if the movers are not to feel it.
+            touched: whether something touches the robot now.
+
+        Returns:
+            (n, 2) where they are then, x, y in map, m; the array is changed by the next step.
         """
-        herd = self._herd
-        depth = -_NEAR_M if touched else _DEEP_M
-        robot = _NOBODY if pose is None else Outline(pose[0], pose[1], pose[2], *self._half, depth)
-        count = len(herd.kind)
+        states = self._states
+        depth = -_TOUCHING_M if touched else _DEEPEST_M
+        robot = _NOBODY
+        if pose is not None:
+            robot = RobotOutline(pose[0], pose[1], pose[2], *self._half, depth)
+        count = len(states.kind)
+        # Everyone gets draws at every step, so that no mover shifts another's.
         normal, uniform = self._rng.standard_normal(count), self._rng.random((count, 2))
-        advance(herd, self._floor, robot, normal, uniform, self._period_s)
+        advance(states, self._floor, robot, normal, uniform, self._period_s)
         for path in self._paths:
-            path.go_on(herd.place[path.number], robot, self._period_s)
-        return herd.place
+            path.go_on(states.place[path.number], robot, self._period_s)
+        return states.place
 
 
 @dataclass
 class _Path:
-    """A mover on keys (k, 3) of t, x, y, with a clock of its own: back after a touch, then on."""
+    """A mover on keys (k, 3) of t, x, y, with a clock that runs back after a touch."""
 
     number: int
     keys: FloatArray
@@ -92,11 +103,12 @@ class _Path:
     clock_s: float = 0.0
     rest_s: float = 0.0
 
-    def go_on(self, place: FloatArray, robot: Outline, period_s: float) -> None:
-        """Put a place (2,) where the mover is a period later."""
+    def go_on(self, place: FloatArray, robot: RobotOutline, period_s: float) -> None:
+        """Writes into a place (2,) where the mover is one period later."""
         gap = gap_to_outline(robot, *place.tolist())[0] - self.radius_m
         if gap < -robot.depth and not self.pushes and self.rest_s <= 0.0:
             self.rest_s = _BACK_S + _WAIT_S
+        # After a touch it goes back first, then waits, then goes on.
         if self.rest_s <= 0.0:
             self.clock_s += period_s
         elif self.rest_s > _WAIT_S:
@@ -106,14 +118,23 @@ class _Path:
 
 
 class MovingGoal:
-    """Where the goal truly is, and what the robot is told of it. goal: (2,) where it begins."""
+    """A goal that moves, and what the robot is told of it.
+
+    Args:
+        motion: how it moves and how well it is known.
+        goal: (2,) where it begins, x, y in map, m.
+        floor: what stands.
+        body: the robot's true outline.
+        period_s: the control period, s.
+        rng: the source of all draws.
+    """
 
     def __init__(
         self,
         motion: GoalMotion,
         goal: Sequence[float],
         floor: FloorPlan,
-        vehicle: VehicleConfig,
+        body: Outline,
         period_s: float,
         rng: np.random.Generator,
     ) -> None:
@@ -129,26 +150,46 @@ class MovingGoal:
             turn_rad=motion.turn_rad,
             diameter_m=max(0.05, 2.0 * motion.room_m),
         )
-        self._crowd = Crowd([mover], floor, vehicle, period_s, rng)
+        self._crowd = Crowd([mover], floor, body, period_s, rng)
 
     def step(self) -> FloatArray:
-        """(2,) its place one control period later."""
+        """Moves the goal by one control period.
+
+        Returns:
+            (2,) where it truly is then, x, y in map, m.
+        """
         return self._crowd.step(None)[0].copy()
 
     def reading(self, t_ns: int, goal: FloatArray) -> GoalReading | None:
-        """What the robot is told at an instant, if anything. goal: (2,) the true one."""
+        """What the robot is told at an instant.
+
+        Args:
+            t_ns: the instant, ns.
+            goal: (2,) where the goal truly is, x, y in map, m.
+
+        Returns:
+            The place with noise, or None between two readings.
+        """
         if t_ns % self._every_ns:
             return None
         return GoalReading(t_ns, goal + self._noise_m * self._rng.standard_normal(2))
 
 
 def on_path(keys: FloatArray, t_s: float) -> FloatArray:
-    """(2,) where it is at a time on keys (k, 3) of t, x, y, straight between them, looped."""
+    """The place on a path at an instant; straight between keys, and from the start again after it.
+
+    Args:
+        keys: (k, 3) t, x, y, s and m, in order of time, the first at t = 0.
+        t_s: the instant, s.
+
+    Returns:
+        (2,) x, y in map, m.
+    """
     t = t_s % float(keys[-1, 0])
     return np.array([np.interp(t, keys[:, 0], keys[:, 1]), np.interp(t, keys[:, 0], keys[:, 2])])
 
 
-def _herd(movers: Sequence[Mover]) -> Herd:
+def _initial_states(movers: Sequence[Mover]) -> MoverStates:
     heading = np.array([wrap_angle(m.heading_rad) for m in movers])
     pace = np.array([m.speed_mps for m in movers], np.float64)
     moving = np.array([m.motion in ("constant", "walk") for m in movers], bool)
@@ -156,7 +197,7 @@ def _herd(movers: Sequence[Mover]) -> Herd:
         [np.cos(heading), np.sin(heading)], axis=1
     )
     place = np.array([m.start_m for m in movers], np.float64)
-    return Herd(
+    return MoverStates(
         kind=np.array([_KINDS[m.motion] for m in movers], np.int64),
         place=place,
         velocity=velocity,

@@ -1,7 +1,7 @@
-"""How movers go on from one control period to the next, in one compiled step for all of them.
+"""Moves all movers over one control period, in one compiled step.
 
 Source of the social force: Helbing & Molnar 1995, with the figures of Helbing et al. 2000 scaled to
-walkers who keep to half a metre a second.
+pedestrians who walk at half a metre a second.
 """
 
 from __future__ import annotations
@@ -16,17 +16,27 @@ from numpy.typing import NDArray
 from simloop.messages import FloatArray
 
 PATH, CONSTANT, WALK, PEDESTRIAN = range(4)
-_RELAX_S = 0.5  # in which a pedestrian comes to the velocity that it wants
-_PUSH_MPS2 = 2.0  # of the social force at contact
-_FALL_M = 0.25  # over which it falls to 1/e
-_FELT_M = 2.0
-_THERE_M = 0.3
-_TIRED_S = 15.0  # after which another place is wanted
+_RELAX_S = 0.5  # time constant with which a pedestrian reaches the velocity that it wants
+_PUSH_MPS2 = 2.0  # social force per mass at contact
+_PUSH_DECAY_M = 0.25  # distance over which the force falls to 1/e
+_PUSH_RANGE_M = 2.0
+_ARRIVED_M = 0.3
+_NEW_AIM_S = 15.0  # after which a pedestrian that has not arrived takes another aim
 
 
-class Herd(NamedTuple):
-    """All movers: kind (n,), see above; place, velocity, aim (n, 2); pace, radius, turn, aimed_s
-    (n,): speed wanted, m/s, m, rad per root of a second, s since the aim was taken."""
+class MoverStates(NamedTuple):
+    """The states of all movers, in arrays that ``advance`` changes in place.
+
+    Attributes:
+        kind: (n,) PATH, CONSTANT, WALK or PEDESTRIAN.
+        place: (n, 2) x, y in map, m.
+        velocity: (n, 2) in map, m/s.
+        aim: (n, 2) where a pedestrian goes to, in map, m.
+        pace: (n,) the speed that a pedestrian wants and does not exceed, m/s.
+        radius: (n,) m.
+        turn: (n,) standard deviation of a walk's heading, rad per square root of a second.
+        aimed_s: (n,) time since the aim was taken, s.
+    """
 
     kind: NDArray[np.int64]
     place: FloatArray
@@ -38,9 +48,16 @@ class Herd(NamedTuple):
     aimed_s: FloatArray
 
 
-class Floor(NamedTuple):
-    """What stands: distance (rows, cols) float32 to it at the cells' centres, [iy, ix], the first
-    cell's corner at x, y; bounds (4,)."""
+class FloorField(NamedTuple):
+    """Distances to what stands, on a raster.
+
+    Attributes:
+        distance: (rows, cols) float32, [iy, ix], at the centres of the cells, m.
+        x: of the lower left corner of the first cell in map, m.
+        y: of the same corner, m.
+        cell: size of a cell, m.
+        bounds: (4,) x_min, y_min, x_max, y_max of the free floor in map, m.
+    """
 
     distance: NDArray[np.float32]
     x: float
@@ -49,11 +66,18 @@ class Floor(NamedTuple):
     bounds: FloatArray
 
 
-class Outline(NamedTuple):
-    """The robot's rectangle, with which movers collide: pose in map, half its length and width.
+class RobotOutline(NamedTuple):
+    """The robot's true rectangle at its true pose, with which movers collide.
 
-    depth: how far into it a mover is that has touched the robot, whose front between the tracks
-    lies some centimetres behind the rectangle's."""
+    Attributes:
+        x: of base_link in map, m.
+        y: of base_link in map, m.
+        yaw: rad.
+        half_length: m.
+        half_width: m.
+        depth: how deep in the rectangle a mover is that touches the robot, m: between the tracks,
+            the robot's front lies some centimetres behind the rectangle's.
+    """
 
     x: float
     y: float
@@ -64,8 +88,18 @@ class Outline(NamedTuple):
 
 
 @njit(cache=True)
-def room_at(floor: Floor, x: float, y: float) -> tuple[float, float, float]:
-    """Distance to what stands or to the bounds, m, and the unit vector (x, y) away from it."""
+def clearance_at(floor: FloorField, x: float, y: float) -> tuple[float, float, float]:
+    """The distance from a point to the nearest obstacle or bound, and the direction away from it.
+
+    Args:
+        floor: the raster of distances; between cells they are interpolated.
+        x: in map, m.
+        y: in map, m.
+
+    Returns:
+        Distance, m, and the unit vector x, y away from what is nearest; 0, 0 if there is none.
+    """
+    # Bilinear interpolation of the distance; its gradient points away from what is nearest.
     rows, cols = floor.distance.shape
     u = min(max((x - floor.x) / floor.cell - 0.5, 0.0), cols - 1.001)
     v = min(max((y - floor.y) / floor.cell - 0.5, 0.0), rows - 1.001)
@@ -77,6 +111,7 @@ def room_at(floor: Floor, x: float, y: float) -> tuple[float, float, float]:
     room = (d00 * (1.0 - a) + d01 * a) * (1.0 - b) + (d10 * (1.0 - a) + d11 * a) * b
     gx = (d01 - d00) * (1.0 - b) + (d11 - d10) * b
     gy = (d10 - d00) * (1.0 - a) + (d11 - d01) * a
+    # The bounds act like walls.
     left, low, right, high = floor.bounds
     for side, ax, ay in (
         (x - left, 1.0, 0.0),
@@ -84,7 +119,7 @@ def room_at(floor: Floor, x: float, y: float) -> tuple[float, float, float]:
         (right - x, -1.0, 0.0),
         (high - y, 0.0, -1.0),
     ):
-        if not room <= side:  # nor if it is inf or NaN, where nothing stands
+        if not room <= side:  # true as well for inf and NaN, where nothing stands
             room, gx, gy = side, ax, ay
     size = math.hypot(gx, gy)
     if not size > 1e-9:
@@ -93,8 +128,18 @@ def room_at(floor: Floor, x: float, y: float) -> tuple[float, float, float]:
 
 
 @njit(cache=True)
-def gap_to_outline(robot: Outline, x: float, y: float) -> tuple[float, float, float]:
-    """Distance from the robot's outline to a point, < 0 inside, and the unit vector to it."""
+def gap_to_outline(robot: RobotOutline, x: float, y: float) -> tuple[float, float, float]:
+    """The distance from the robot's rectangle to a point, and the direction towards the point.
+
+    Args:
+        robot: the rectangle at its pose.
+        x: of the point in map, m.
+        y: of the point in map, m.
+
+    Returns:
+        Distance, m, negative inside, and the outward unit vector x, y in map.
+    """
+    # In the robot's frame, mirrored into the first quadrant.
     cos, sin = math.cos(robot.yaw), math.sin(robot.yaw)
     along = cos * (x - robot.x) + sin * (y - robot.y)
     aside = cos * (y - robot.y) - sin * (x - robot.x)
@@ -106,13 +151,14 @@ def gap_to_outline(robot: Outline, x: float, y: float) -> tuple[float, float, fl
         gap, nx, ny = dx, 1.0, 0.0
     else:
         gap, nx, ny = dy, 0.0, 1.0
+    # Back into the point's own quadrant, and to map.
     nx, ny = math.copysign(nx, along), math.copysign(ny, aside)
     return gap, cos * nx - sin * ny, sin * nx + cos * ny
 
 
 @njit(cache=True)
-def _throw_back(velocity: FloatArray, nx: float, ny: float) -> None:
-    """Turn a velocity (2,) round that leads against a surface with the normal (nx, ny)."""
+def _reflect(velocity: FloatArray, nx: float, ny: float) -> None:
+    """Reflects a velocity (2,) that leads into a surface with the normal (nx, ny)."""
     into = velocity[0] * nx + velocity[1] * ny
     if into < 0.0:
         velocity[0] -= 2.0 * into * nx
@@ -121,82 +167,106 @@ def _throw_back(velocity: FloatArray, nx: float, ny: float) -> None:
 
 @njit(cache=True)
 def _push(force: FloatArray, gap: float, nx: float, ny: float) -> None:
-    if gap < _FELT_M:
-        size = _PUSH_MPS2 * math.exp(-max(gap, -_FALL_M) / _FALL_M)
+    """Adds the social force of something at a distance ``gap`` to ``force`` (2,), m/s^2."""
+    if gap < _PUSH_RANGE_M:
+        size = _PUSH_MPS2 * math.exp(-max(gap, -_PUSH_DECAY_M) / _PUSH_DECAY_M)
         force[0] += size * nx
         force[1] += size * ny
 
 
 @njit(cache=True)
-def _walk_on(
-    herd: Herd, i: int, floor: Floor, robot: Outline, force: FloatArray, dt: float
+def _steer_pedestrian(
+    movers: MoverStates,
+    i: int,
+    floor: FloorField,
+    robot: RobotOutline,
+    force: FloatArray,
+    dt: float,
 ) -> None:
-    """A pedestrian's velocity after ``dt``: drawn to its aim, pushed by what is near."""
-    place, velocity = herd.place[i], herd.velocity[i]
-    dx, dy = herd.aim[i, 0] - place[0], herd.aim[i, 1] - place[1]
+    """Updates a pedestrian's velocity by the social force. force: (2,), overwritten."""
+    place, velocity = movers.place[i], movers.velocity[i]
+    # It is drawn to its aim,
+    dx, dy = movers.aim[i, 0] - place[0], movers.aim[i, 1] - place[1]
     far = max(math.hypot(dx, dy), 1e-6)
-    force[0] = (herd.pace[i] * dx / far - velocity[0]) / _RELAX_S
-    force[1] = (herd.pace[i] * dy / far - velocity[1]) / _RELAX_S
-    for k in range(herd.kind.shape[0]):
+    force[0] = (movers.pace[i] * dx / far - velocity[0]) / _RELAX_S
+    force[1] = (movers.pace[i] * dy / far - velocity[1]) / _RELAX_S
+    # and pushed away by other movers, by the robot and by what stands.
+    for k in range(movers.kind.shape[0]):
         if k != i:
-            ox, oy = place[0] - herd.place[k, 0], place[1] - herd.place[k, 1]
+            ox, oy = place[0] - movers.place[k, 0], place[1] - movers.place[k, 1]
             apart = max(math.hypot(ox, oy), 1e-6)
-            _push(force, apart - herd.radius[i] - herd.radius[k], ox / apart, oy / apart)
+            _push(force, apart - movers.radius[i] - movers.radius[k], ox / apart, oy / apart)
     gap, nx, ny = gap_to_outline(robot, place[0], place[1])
-    _push(force, gap - herd.radius[i], nx, ny)
-    room, nx, ny = room_at(floor, place[0], place[1])
-    _push(force, room - herd.radius[i], nx, ny)
+    _push(force, gap - movers.radius[i], nx, ny)
+    room, nx, ny = clearance_at(floor, place[0], place[1])
+    _push(force, room - movers.radius[i], nx, ny)
     velocity += dt * force
     speed = math.hypot(velocity[0], velocity[1])
-    if speed > herd.pace[i]:
-        velocity *= herd.pace[i] / speed
+    if speed > movers.pace[i]:
+        velocity *= movers.pace[i] / speed
 
 
 @njit(cache=True)
-def _collide(herd: Herd, i: int, floor: Floor, robot: Outline) -> None:
-    """Throw a mover back from what it touches: what stands, one another, the robot."""
-    place, velocity, radius = herd.place[i], herd.velocity[i], herd.radius[i]
-    room, nx, ny = room_at(floor, place[0], place[1])
+def _collide(movers: MoverStates, i: int, floor: FloorField, robot: RobotOutline) -> None:
+    """Reflects a mover from what it touches: what stands, other movers, the robot."""
+    place, velocity, radius = movers.place[i], movers.velocity[i], movers.radius[i]
+    # Out of what stands, by as much as it has entered.
+    room, nx, ny = clearance_at(floor, place[0], place[1])
     if room < radius:
-        _throw_back(velocity, nx, ny)
+        _reflect(velocity, nx, ny)
         place[0] += (radius - room) * nx
         place[1] += (radius - room) * ny
-    for k in range(herd.kind.shape[0]):
-        ox, oy = place[0] - herd.place[k, 0], place[1] - herd.place[k, 1]
+    for k in range(movers.kind.shape[0]):
+        ox, oy = place[0] - movers.place[k, 0], place[1] - movers.place[k, 1]
         apart = math.hypot(ox, oy)
-        if k != i and 1e-9 < apart < radius + herd.radius[k]:
-            _throw_back(velocity, ox / apart, oy / apart)
+        if k != i and 1e-9 < apart < radius + movers.radius[k]:
+            _reflect(velocity, ox / apart, oy / apart)
+    # Only at the robot's real surface, so that the referee sees the contact first.
     gap, nx, ny = gap_to_outline(robot, place[0], place[1])
-    if gap < radius - robot.depth:  # they have touched, and the referee has seen it
-        _throw_back(velocity, nx, ny)
+    if gap < radius - robot.depth:
+        _reflect(velocity, nx, ny)
 
 
 @njit(cache=True)
 def advance(
-    herd: Herd, floor: Floor, robot: Outline, normal: FloatArray, uniform: FloatArray, dt: float
+    movers: MoverStates,
+    floor: FloorField,
+    robot: RobotOutline,
+    normal: FloatArray,
+    uniform: FloatArray,
+    dt: float,
 ) -> None:
-    """Take all but those on paths ``dt`` s further, in place.
+    """Moves all movers except those on paths by one period, in place.
 
-    normal: (n,) standard normal draws, uniform: (n, 2) draws from [0, 1), new ones each time.
+    Args:
+        movers: their states, changed in place.
+        floor: what stands.
+        robot: the robot's rectangle at its present pose.
+        normal: (n,) new draws from the standard normal distribution.
+        uniform: (n, 2) new draws from [0, 1).
+        dt: the period, s.
     """
     force = np.zeros(2)
-    for i in range(herd.kind.shape[0]):
-        if herd.kind[i] == PATH:
+    for i in range(movers.kind.shape[0]):
+        if movers.kind[i] == PATH:
             continue
-        place, velocity = herd.place[i], herd.velocity[i]
-        if herd.kind[i] == WALK:
-            turn = herd.turn[i] * math.sqrt(dt) * normal[i]
+        place, velocity = movers.place[i], movers.velocity[i]
+        if movers.kind[i] == WALK:
+            # The heading is a random walk: its spread grows with the root of time.
+            turn = movers.turn[i] * math.sqrt(dt) * normal[i]
             cos, sin = math.cos(turn), math.sin(turn)
             vx, vy = velocity[0], velocity[1]
             velocity[0], velocity[1] = cos * vx - sin * vy, sin * vx + cos * vy
-        elif herd.kind[i] == PEDESTRIAN:
-            herd.aimed_s[i] += dt
-            there = math.hypot(herd.aim[i, 0] - place[0], herd.aim[i, 1] - place[1]) < _THERE_M
-            if there or herd.aimed_s[i] > _TIRED_S:
+        elif movers.kind[i] == PEDESTRIAN:
+            movers.aimed_s[i] += dt
+            dx, dy = movers.aim[i, 0] - place[0], movers.aim[i, 1] - place[1]
+            there = math.hypot(dx, dy) < _ARRIVED_M
+            if there or movers.aimed_s[i] > _NEW_AIM_S:
+                # A new aim, if the one drawn is free; else it draws again in the next period.
                 x = floor.bounds[0] + uniform[i, 0] * (floor.bounds[2] - floor.bounds[0])
                 y = floor.bounds[1] + uniform[i, 1] * (floor.bounds[3] - floor.bounds[1])
-                if room_at(floor, x, y)[0] > herd.radius[i] + _THERE_M:
-                    herd.aim[i, 0], herd.aim[i, 1], herd.aimed_s[i] = x, y, 0.0
-            _walk_on(herd, i, floor, robot, force, dt)
+                if clearance_at(floor, x, y)[0] > movers.radius[i] + _ARRIVED_M:
+                    movers.aim[i, 0], movers.aim[i, 1], movers.aimed_s[i] = x, y, 0.0
+            _steer_pedestrian(movers, i, floor, robot, force, dt)
         place += dt * velocity
-        _collide(herd, i, floor, robot)
+        _collide(movers, i, floor, robot)

@@ -18,23 +18,37 @@ Key = tuple[Annotated[float, Field(ge=0.0, le=1e6)], Coordinate, Coordinate]
 
 
 def check_keys(keys: tuple[Key, ...]) -> None:
-    """Raise ValueError unless there are two keys or more, from t = 0 on, in order of time."""
+    """Checks the keys of a path.
+
+    Args:
+        keys: (t, x, y) each, s, m, m.
+
+    Raises:
+        ValueError: unless there are two or more, in order of time, the first at t = 0.
+    """
     if len(keys) < 2 or keys[0][0] != 0.0:
-        raise ValueError("keys_txy: two keys (t, x, y) or more, the first at t = 0")
+        raise ValueError("keys_txy: give two keys (t, x, y) or more, the first at t = 0")
     if any(b[0] <= a[0] for a, b in pairwise(keys)):
         raise ValueError("keys_txy: each key must be later than the one before")
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Mover:
-    """An upright cylinder that goes its own way, and is stopped by nothing but what is said here.
+    """An upright cylinder that moves by itself; physics does not stop it.
 
-    path: along keys_txy (t s, x m, y m), straight between them, over and over, through whatever is
-    there; having touched the robot it steps back and waits, or, if it ``pushes``, goes on.
-    constant: straight on at speed_mps towards heading_rad, thrown back by all that it touches.
-    walk: the same, its heading a random walk of turn_rad a square root of a
-    second. pedestrian: to places drawn at random, at speed_mps or less, keeping clear of walls,
-    of one another and of the robot (the social force of Helbing & Molnar 1995).
+    Attributes:
+        motion: ``path``: along keys, through whatever is there; after a touch of the robot it goes
+            back and waits. ``constant``: straight on; it bounces off all that it touches.
+            ``walk``: the same, with a heading that is a random walk. ``pedestrian``: to random
+            places; it keeps clear of walls, movers and robot by a social force.
+        position_m: x, y in map at first, m; not for a path.
+        keys_txy: (t, x, y) of a path, s, m, m; straight between keys, over and over.
+        speed_mps: of a pedestrian the greatest speed, m/s; not for a path.
+        heading_rad: at first, of ``constant`` and ``walk``, rad.
+        turn_rad: standard deviation of a walk's heading after one second, rad.
+        pushes: whether a mover on a path goes on after it has touched the robot.
+        diameter_m: m.
+        height_m: m.
     """
 
     motion: Motion
@@ -51,22 +65,28 @@ class Mover:
     def _has_a_place(self) -> Mover:
         on_path, has_place = self.motion == "path", self.position_m is not None
         if on_path != bool(self.keys_txy) or on_path == has_place:
-            raise ValueError("a path has keys_txy, all else a position_m")
+            raise ValueError("a path needs keys_txy, any other motion a position_m")
         if self.keys_txy:
             check_keys(self.keys_txy)
         return self
 
     @property
     def start_m(self) -> Point:
-        """Where it is at the beginning."""
+        """x, y in map at the beginning, m."""
         return self.position_m or self.keys_txy[0][1:]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Crowd:
-    """Movers drawn from the scenario's seed, ``count`` of them, of each of ``motions`` in turn.
+    """Movers that are drawn from the scenario's seed.
 
-    speed_mps, diameter_m: least and greatest. apart_m: from the robot's start, at first.
+    Attributes:
+        count: how many.
+        motions: the kinds of motion, in turn.
+        speed_mps: least and greatest, m/s.
+        diameter_m: least and greatest, m.
+        height_m: of all, m.
+        apart_m: least distance from the robot's start at first, m.
     """
 
     count: Annotated[int, Field(ge=1, le=200)] = 12
@@ -86,16 +106,23 @@ class Crowd:
         for key in ("speed_mps", "diameter_m"):
             low, high = getattr(self, key)
             if low > high:
-                raise ValueError(f"{key}: the least first, then the greatest")
+                raise ValueError(f"{key}: give the least first, then the greatest")
         return self
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class GoalMotion:
-    """A goal that moves, as a ``Mover`` does, and keeps ``room_m`` from all that stands.
+    """A goal that moves like a ``Mover``; the robot is told where it is.
 
-    The robot is told where it is every ``period_s``, with an error of ``noise_m`` (one standard
-    deviation an axis). On a path keys_txy[0] is the scenario's goal.
+    Attributes:
+        motion: path, constant or walk.
+        speed_mps: m/s; not for a path.
+        heading_rad: at first, rad.
+        turn_rad: standard deviation of a walk's heading after one second, rad.
+        keys_txy: (t, x, y) of a path, s, m, m; the first is at the scenario's goal.
+        room_m: distance that the goal keeps from all that stands, m.
+        period_s: time between two readings, s.
+        noise_m: standard deviation of a reading on each axis, m.
     """
 
     motion: Literal["path", "constant", "walk"] = "walk"
@@ -110,7 +137,7 @@ class GoalMotion:
     @model_validator(mode="after")
     def _has_keys(self) -> GoalMotion:
         if (self.motion == "path") != bool(self.keys_txy):
-            raise ValueError("a path has keys_txy, and nothing else has them")
+            raise ValueError("keys_txy: a path needs them, and no other motion has them")
         if self.keys_txy:
             check_keys(self.keys_txy)
         return self

@@ -1,4 +1,4 @@
-"""A crowd drawn from a seed: who starts where, how fast, towards what."""
+"""Draws a crowd: where each mover starts, how fast it is, and where it goes."""
 
 from __future__ import annotations
 
@@ -9,20 +9,30 @@ from itertools import pairwise
 import numpy as np
 
 from simloop.messages import FloatArray
-from simloop.worlds.floor_plan import FloorPlan, to_walls
+from simloop.worlds.floor_plan import FloorPlan, distance_to_bounds
 from simloop.worlds.movers.settings import Crowd, Mover
 
 _TRIALS = 500
 _APART_M = 0.1
-_CORNERS = 4  # of a path that is walked round and round
+_CORNERS = 4  # of a closed path
 
 
 def draw_crowd(
     crowd: Crowd, floor: FloorPlan, start: Sequence[float], rng: np.random.Generator
 ) -> tuple[Mover, ...]:
-    """The movers, none of them in a wall, in one another or near the robot's start (2+).
+    """Draws movers that touch nothing at first and keep a distance from the robot's start.
 
-    Raises ValueError where there is no room for so many.
+    Args:
+        crowd: how many movers, and how they move.
+        floor: what stands.
+        start: (2,) or (3,) x, y, ... of the robot in map, m.
+        rng: the source of all draws.
+
+    Returns:
+        The movers, of each of the crowd's motions in turn.
+
+    Raises:
+        ValueError: if there is no place for so many.
     """
     drawn: list[Mover] = []
     for number in range(crowd.count):
@@ -53,6 +63,7 @@ def _place(
     radius: float,
     rng: np.random.Generator,
 ) -> FloatArray:
+    """(2,) a free place for the next mover."""
     for _ in range(_TRIALS):
         place = rng.uniform(floor.bounds_m[:2], floor.bounds_m[2:])
         if (
@@ -70,7 +81,7 @@ def _place(
 def _round_trip(
     floor: FloorPlan, place: FloatArray, radius: float, speed: float, rng: np.random.Generator
 ) -> tuple[tuple[float, float, float], ...]:
-    """Keys (t, x, y) of a walk over a few corners and back, clear of what stands."""
+    """Keys (t, x, y) of a closed path over a few corners, clear of what stands."""
     corners = [place]
     for _ in range(_TRIALS):
         if len(corners) == _CORNERS:
@@ -87,11 +98,12 @@ def _round_trip(
 
 
 def _clear(floor: FloorPlan, a: FloatArray, b: FloatArray, radius: float) -> bool:
+    """Whether a mover can go straight from a (2,) to b (2,)."""
     share = np.linspace(0.0, 1.0, 2 + int(math.dist(a, b) / 0.05))[:, None]
     return _room(floor, a + share * (b - a)) > radius + _APART_M
 
 
 def _room(floor: FloorPlan, places: FloatArray) -> float:
-    """m from the nearest of places (..., 2) to what stands or to the floor's bounds."""
-    sides = to_walls(places, floor.bounds_m).min()
+    """The least distance, m, of places (..., 2) to what stands or to the floor's bounds."""
+    sides = distance_to_bounds(places, floor.bounds_m).min()
     return float(min(floor.clearance_m(places).min(), sides))

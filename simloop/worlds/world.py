@@ -1,0 +1,52 @@
+"""The compiled world: the model, the true floor plan and the robot's true outline."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+
+from simloop.config import Config
+from simloop.worlds.arena import assemble, compile_spec
+from simloop.worlds.body import Body
+from simloop.worlds.cross_section import floor_plan
+from simloop.worlds.floor_plan import FloorPlan
+from simloop.worlds.layout import Layout
+from simloop.worlds.movers.settings import Mover
+from simloop.worlds.vehicle_body import body_of
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class World:
+    """Ground truth for the plant, the judge and the drawings; the robot never sees it.
+
+    Attributes:
+        model: the arena with the vehicle and everything of the layout, compiled.
+        floor: what truly stands.
+        body: the robot's true outline.
+        movers: what moves, in the order of the model's mocap bodies.
+    """
+
+    model: mujoco.MjModel
+    floor: FloorPlan
+    body: Body
+    movers: tuple[Mover, ...] = ()
+
+
+def compile_world(layout: Layout, config: Config) -> World:
+    """Builds a described world, with one compilation.
+
+    Args:
+        layout: what stands and moves.
+        config: the physics step, the payload, and the friction of the tracks.
+
+    Returns:
+        The world.
+
+    Raises:
+        ValueError: where it cannot be built.
+    """
+    spec = assemble(layout, config.tracks.friction)
+    body = body_of(spec)
+    model = compile_spec(spec, config.rates.physics_s, config.payload)
+    return World(model, floor_plan(model), body, layout.movers)
