@@ -47,7 +47,7 @@ def floor():
     return build_world(load("open")).floor
 
 
-def metrics_of(floor, messages, overrides=(), outcome=Outcome.REACHED, **kwargs):
+def metrics_of(floor, messages, outcome=Outcome.REACHED, overrides=(), **kwargs):
     metrics = RunMetrics(load("open", ["goal=[3.0, 4.0]", *overrides]), floor, BODY)
     for message in messages:
         metrics.offer(message)
