@@ -7,20 +7,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.scene_clearance import scene_clearance
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
 from simloop.benchmarks.planners import bench
 from simloop.benchmarks.planners.jobs import make_jobs, run_jobs
-from simloop.benchmarks.planners.judge import clearance, judge
-from simloop.benchmarks.planners.paper_scenes import paper_scene, scene_clearance
+from simloop.benchmarks.planners.judge import clearance, judge, measure, optimum
+from simloop.benchmarks.planners.paper_scenes import paper_scene
 from simloop.benchmarks.planners.scenes import scene, true_clearance
 from simloop.benchmarks.planners.tasks import load_scene, with_best_known
 from simloop.benchmarks.planners.trials import settings as trial_settings
 from simloop.benchmarks.planners.trials import try_once
 from simloop.cli.main import app, main
 from simloop.common.errors import InputError
+from simloop.config import PlannerConfig
 from simloop.evaluation import statistics
 
 S1 = scene("S1")[0]
@@ -163,6 +165,17 @@ def test_the_figures_of_a_small_comparison():
     assert s1["tlbo"]["gap_p50"] < s1["ga"]["gap_p50"]
     assert found["comparison"]["S1"]["ga"]["lead_wins"] == 6
     assert not found["interrupted"]
+
+
+@pytest.mark.parametrize("name", ["S1", "S2", "S3", "S4a", "S4b"])
+@pytest.mark.parametrize("precise", [False, True])
+def test_the_lead_planners_own_figures_are_complete(name, precise):
+    todo = [(one, optimum(one)) for one in scene(name)]
+    at = measure(todo, PlannerConfig(name="tlbo", precise=precise), 1)
+    keys = {"ms_p50", "ms_p99", "gap_p50", "gap_p95", "safe", "std", "evaluations", "plans"}
+    assert set(at) == keys and all(np.isfinite(value) for value in at.values())
+    assert 0.0 < at["ms_p50"] <= at["ms_p99"] and at["safe"] == 1.0
+    assert at["plans"] == len(todo)
 
 
 def test_an_interrupt_keeps_what_is_done(monkeypatch):

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.scene_clearance import scene_clearance
 
 from simloop.benchmarks.planners.paper_scenes import (
     ONLINE_SCENES,
     PAPER_SCENES,
     online_scene,
     paper_scene,
-    scene_clearance,
 )
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.planners.metaheuristics.rule_avoa import AfricanVultures

@@ -6,22 +6,11 @@ import gc
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from time import perf_counter
-from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.progress import Progress
 
-from simloop.benchmarks.planners.scenes import (
-    SCENE_NAMES,
-    Instance,
-    box_distance,
-    scene,
-    true_clearance,
-)
-from simloop.common.terminal import print_table
+from simloop.benchmarks.planners.scenes import Instance, box_distance, true_clearance
 from simloop.config import PlannerConfig, VehicleConfig
-from simloop.evaluation.provenance import machine, versions
 from simloop.messages import FloatArray
 from simloop.planners.problem.clearance import SAFE_WITHIN_M
 from simloop.planners.problem.objective import LEAST_INTRUSION_M
@@ -31,9 +20,7 @@ from simloop.planners.registry import make_planner
 PLANS = 1000
 PLANS_PRECISE = 200
 _CHECK_STEP_M = 1e-3
-_POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))
-
-
+POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))
 AT_GOAL_M = 1e-6
 _SAMPLE_M = 1e-3
 _CHUNK = 20_000
@@ -173,26 +160,6 @@ class _Tally:
         }
 
 
-def run(plans: int = PLANS, precise: int = PLANS_PRECISE) -> dict[str, Any]:
-    """The figures of ``simloop bench planners --json``.
-
-    plans, precise: at least this many plans a scene, shared by its instances.
-    """
-    jobs = [("tlbo", PlannerConfig(), plans)]
-    jobs.append(("tlbo_precise", PlannerConfig(name="tlbo", precise=True), precise))
-    found: dict[str, dict[str, dict[str, float]]] = {name: {} for name in SCENE_NAMES}
-    console = Console(stderr=True)
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-        bar = progress.add_task("", total=len(jobs) * len(SCENE_NAMES))
-        for name in SCENE_NAMES:
-            instances = [(one, optimum(one)) for one in scene(name)]
-            for planner, config, count in jobs:
-                progress.update(bar, description=f"{name}, {planner}")
-                found[name][planner] = measure(instances, config, count)
-                progress.advance(bar)
-    return {"scenes": found, "machine": machine(), "versions": versions()}
-
-
 def optimum(instance: Instance) -> float:
     """J* of an instance; among discs it is worked out."""
     if instance.best_cost is not None:
@@ -239,7 +206,7 @@ def _measure_one(
     instance: Instance, best: float, config: PlannerConfig, seeds: int, tally: _Tally
 ) -> None:
     config = replace(config, safe_distance_m=instance.safe_m, start_turn_weight=0.0)
-    planner = make_planner(config, _POINT)
+    planner = make_planner(config, POINT)
     task = (instance.world, instance.start, instance.goal)
     planner.plan(*task, np.random.default_rng(0))  # warms the kernels and caches up
     costs, ways = [], []
@@ -257,16 +224,3 @@ def _measure_one(
     for way in ways:
         clear = true_clearance(instance, way, _CHECK_STEP_M)
         tally.safe.append(clear >= instance.safe_m - SAFE_WITHIN_M)
-
-
-def print_figures(console: Console, figures: dict[str, Any]) -> None:
-    """The figures as a table for the terminal."""
-    header = ["scene", "planner", "ms p50", "p99", "gap % p50", "p95", "safe %", "std", "trials"]
-    rows = [
-        [name, planner, f"{at['ms_p50']:.2f}", f"{at['ms_p99']:.2f}", f"{at['gap_p50']:.3f}",
-         f"{at['gap_p95']:.3f}", f"{100.0 * at['safe']:.1f}", f"{at['std']:.4f}",
-         f"{at['evaluations']:.0f}"]
-        for name, planners in figures["scenes"].items()
-        for planner, at in planners.items()
-    ]  # fmt: skip
-    print_table(console, f"cold plans, on {figures['machine']['cpu']}", header, rows)
