@@ -20,7 +20,7 @@ from simloop.planners.registry import make_planner
 PLANS = 1000
 PLANS_PRECISE = 200
 _CHECK_STEP_M = 1e-3
-POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))
+_POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))
 AT_GOAL_M = 1e-6
 _SAMPLE_M = 1e-3
 _CHUNK = 20_000
@@ -206,7 +206,7 @@ def _measure_one(
     instance: Instance, best: float, config: PlannerConfig, seeds: int, tally: _Tally
 ) -> None:
     config = replace(config, safe_distance_m=instance.safe_m, start_turn_weight=0.0)
-    planner = make_planner(config, POINT)
+    planner = make_planner(config, _POINT)
     task = (instance.world, instance.start, instance.goal)
     planner.plan(*task, np.random.default_rng(0))  # warms the kernels and caches up
     costs, ways = [], []

@@ -21,7 +21,7 @@ import numpy as np
 
 from simloop.benchmarks.planners.scenes import Instance, disc_world, scene
 from simloop.messages import FloatArray, WorldView
-from simloop.planners.reactive.online import Mover, OnlineWorld, Track
+from simloop.planners.reactive.online import MovingPoint, Mover, OnlineWorld
 
 PAPER_SCENES = (
     "sabiha4",
@@ -134,17 +134,17 @@ def online_scene(name: str) -> OnlineWorld:
         fixed = disc_world(np.array([[12.0, 8.0, 2.0], [30.0, 34.0, 2.5]]), _ABED_BOUNDS)
         one = _instance(name, fixed, (0.0, 0.0), (45.0, 45.0), _ABED_SAFE_M)
         movers = (
-            Mover(Track(np.array([[10.0, 24.0], [28.0, 12.0]]), 0.3), 1.5),
-            Mover(Track(np.array([[38.0, 26.0], [24.0, 40.0]]), 0.5), 1.5),
+            Mover(MovingPoint(np.array([[10.0, 24.0], [28.0, 12.0]]), 0.3), 1.5),
+            Mover(MovingPoint(np.array([[38.0, 26.0], [24.0, 40.0]]), 0.5), 1.5),
         )
-        return _online(one, Track(one.goal), movers)
+        return _online(one, MovingPoint(one.goal), movers)
     if name == "moving_goal":
         fixed = disc_world(np.array([[15.0, 15.0, 3.0], [30.0, 22.0, 3.0]]), _ABED_BOUNDS)
         one = _instance(name, fixed, (0.0, 0.0), (40.0, 20.0), _ABED_SAFE_M)
-        return _online(one, Track(np.array([[40.0, 20.0], [40.0, 44.0], [20.0, 44.0]]), 0.25))
+        return _online(one, MovingPoint(np.array([[40.0, 20.0], [40.0, 44.0], [20.0, 44.0]]), 0.25))
     if name in ONLINE_SCENES:
         one = paper_scene(name)
-        return _online(one, Track(one.goal))
+        return _online(one, MovingPoint(one.goal))
     raise ValueError(f"unknown scene {name!r}; choose from {', '.join(ONLINE_SCENES)}")
 
 
@@ -194,7 +194,7 @@ def _walls(
     return _instance(name, world, (0.0, 0.0), goal, _ABED_SAFE_M, np.array(boxes))
 
 
-def _online(one: Instance, goal: Track, movers: tuple[Mover, ...] = ()) -> OnlineWorld:
+def _online(one: Instance, goal: MovingPoint, movers: tuple[Mover, ...] = ()) -> OnlineWorld:
     return OnlineWorld(
         name=one.name,
         fixed=one.world,

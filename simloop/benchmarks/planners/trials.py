@@ -8,9 +8,9 @@ from time import perf_counter
 
 import numpy as np
 
-from simloop.benchmarks.planners.judge import POINT, Verdict, judge, path_cost
+from simloop.benchmarks.planners.judge import Verdict, judge, path_cost
 from simloop.benchmarks.planners.scenes import Instance
-from simloop.config import PlannerConfig
+from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray, Plan
 from simloop.planners import registry
 from simloop.planners.protocol import Planner
@@ -18,6 +18,7 @@ from simloop.planners.reactive.online import OnlineWorld, simulate
 from simloop.planners.reference.reference import Reference, kind_of
 from simloop.planners.registry import make_planner
 
+POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))
 PRECISE = "tlbo_precise"
 SLOW = ("avoa_online", "apso_online", "fuzzy_wdo", "ga_apf", "informed_rrt_star", "bit_star")
 LADDER = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2)
