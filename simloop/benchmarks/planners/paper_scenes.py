@@ -21,7 +21,7 @@ import numpy as np
 
 from simloop.benchmarks.planners.scenes import Instance, disc_world, scene
 from simloop.messages import FloatArray, WorldView
-from simloop.planners.reactive.online import MovingPoint, Mover, OnlineWorld
+from simloop.planners.reactive.online import Mover, MovingPoint, OnlineWorld
 
 PAPER_SCENES = (
     "sabiha4",
