@@ -67,7 +67,7 @@ def test_a_scenario_with_one_character_changed_is_one_or_one_line(at, char):
     except InputError as error:
         assert str(error).startswith("m.scen: ") and "\n" not in str(error)
     else:
-        assert all(min(*errand.start, *errand.goal) >= 0 for errand in found)
+        assert all(min(*task.start, *task.goal) >= 0 for task in found)
 
 
 @pytest.mark.parametrize(
@@ -142,5 +142,5 @@ def test_missing_and_hopeless_files(tmp_path):
     with pytest.raises(InputError, match="No such file"):
         load_file(tmp_path / "none.map")
     (tmp_path / "full.map").write_text(text_of(np.ones((3, 3), dtype=bool)))
-    with pytest.raises(InputError, match="no free cell"):
+    with pytest.raises(InputError, match="contains no free cell"):
         load_file(tmp_path / "full.map")
