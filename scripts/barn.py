@@ -311,7 +311,7 @@ def figures(runs: Sequence[Run]) -> dict[str, Any]:
 
 
 def _mean(values: Sequence[float]) -> float | None:
-    """Mean; None of nothing."""
+    """Mean of the values; None if there are none."""
     return float(np.mean(values)) if values else None
 
 

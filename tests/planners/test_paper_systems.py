@@ -97,7 +97,7 @@ def test_the_plain_field_stops_in_the_local_minimum():
 
 
 def test_checking_only_the_waypoints_lets_paths_through_obstacles():
-    """Eq. 8 of the TLBO papers checks the waypoints only; the planner reports the path as unsafe."""
+    """Eq. 8 of the TLBO papers checks only the waypoints; the planner reports an unsafe path."""
     one = paper_scene("sabiha4")
     for seed in range(1000, 1003):
         found = plan("tlbo_paper", one, seed, options={"examined": 0})
