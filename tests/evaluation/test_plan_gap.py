@@ -12,6 +12,7 @@ from simloop.benchmarks.planners.scenes import scene
 from simloop.cli.main import run_scenario
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.evaluation.plan_gap import PlanLog, least_cost
+from simloop.planners.protocol import PlanningTask
 from simloop.planners.reference.exact import exact_path
 from simloop.planners.registry import make_planner
 
@@ -22,7 +23,8 @@ CONFIG = PlannerConfig(safe_distance_m=0.3, start_turn_weight=0.0)
 def planned(seed=0):
     one = scene("S1")[0]
     rng = np.random.default_rng(seed)
-    return one, make_planner(CONFIG, POINT).plan(one.world, one.start, one.goal, rng)
+    task = PlanningTask(one.world, one.start, one.goal, one.safe_m)
+    return one, make_planner(CONFIG, POINT).plan(task, rng)
 
 
 def test_a_record_holds_the_plans_account_and_its_gap():

@@ -25,7 +25,7 @@ from simloop.benchmarks.planners.trials import (
     PRECISE,
     Trial,
     handles,
-    is_rule,
+    info_of,
     prepare,
     settings,
     time_plans,
@@ -124,7 +124,7 @@ def available_planners() -> tuple[str, ...]:
 
 def is_metaheuristic(name: str) -> bool:
     """Whether a planner is one of those that the lead planner is to be first among."""
-    return is_rule(name) or name in ("ga_apf", "cma")
+    return name not in (LEAD, PRECISE) and info_of(name).metaheuristic
 
 
 def run(request: Request, console: Console | None = None) -> Result:

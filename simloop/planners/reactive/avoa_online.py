@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import ClassVar
 
 import numpy as np
 
@@ -38,8 +37,6 @@ _NO_MOVERS = np.zeros((0, 5))
 
 class OnlinePlanner(WalkingPlanner):
     """A steering of its own for each walk; what does not arrive ends where it came nearest."""
-
-    invariant: ClassVar[tuple[str, ...]] = ("shift", "rotate", "mirror", "scale")
 
     def steering(self) -> Steering:
         """What chooses the headings."""
@@ -96,7 +93,6 @@ class FuzzyWdo(OnlinePlanner):
     """A fuzzy controller does, tuned by wind driven optimisation: the rival in the first map."""
 
     name = "fuzzy_wdo"
-    invariant = ("shift", "rotate", "scale")  # its rules turn left where nothing else decides
 
     def steering(self) -> Steering:
         return FuzzySteering()

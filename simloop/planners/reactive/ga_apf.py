@@ -224,7 +224,6 @@ class GaApf(WalkingPlanner):
     """The field of a view's discs, deformed anew for each plan."""
 
     name = "ga_apf"
-    invariant = ("shift", "rotate", "mirror", "scale")
 
     def __init__(self, config: PlannerConfig, vehicle: VehicleConfig) -> None:
         super().__init__(config, vehicle)

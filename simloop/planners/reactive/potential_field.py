@@ -93,7 +93,6 @@ class PotentialField(WalkingPlanner):
     """Draws nothing from the generator; where it gets stuck, the plan ends there."""
 
     name = "potential_field"
-    invariant = ("shift", "rotate", "mirror", "scale")
 
     def __init__(self, config: PlannerConfig, vehicle: VehicleConfig) -> None:
         super().__init__(config, vehicle)

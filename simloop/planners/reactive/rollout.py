@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from simloop.planners.problem.clearance import (
     Problem,
     relaxed_clearance,
 )
+from simloop.planners.protocol import PlanningTask
 
 THIN_SHARES = (0.02, 0.005, 0.0)
 """How far a thinned path may lie from what was gone, in safe distances: the first that costs no
@@ -112,10 +114,9 @@ def grown(p: Problem, extra_m: float) -> Problem:
 
 def plan_by_walking(
     name: str,
-    world: WorldView,
+    task: PlanningTask,
     problem: Problem,
     walk: Callable[[Problem, int], Walk],
-    reason: str,
 ) -> Plan:
     """Walk, and answer for what came of it.
 
@@ -140,14 +141,13 @@ def plan_by_walking(
     badness, done, path = best
     return account(
         name,
-        world,
+        task,
         problem,
         path,
-        badness,
+        lack_m=badness,
         evaluations=evaluations,
         generations=done.generations,
         candidates_m=done.candidates,
-        reason=reason,
     )
 
 
@@ -160,21 +160,12 @@ class WalkingPlanner:
         self._config = config
         self._overhang = max(vehicle.footprint_offsets_m)
 
-    def plan(
-        self,
-        world: WorldView,
-        start: FloatArray,
-        goal: FloatArray,
-        rng: np.random.Generator,
-        *,
-        previous: Plan | None = None,
-        reason: str = "frame",
-    ) -> Plan:
+    def plan(self, task: PlanningTask, rng: np.random.Generator) -> Plan:
         """As the protocol says; ``previous`` is not used. A walk that does not get to the goal
         makes a plan that ends where it did, and is not safe."""
-        seen = self._seen(world)
-        problem = problem_of(self._config, self._overhang, seen, start, goal)
-        return plan_by_walking(self.name, seen, problem, self._walker(seen, rng), reason)
+        task = replace(task, world=self._seen(task.world))
+        problem = problem_of(self._config, self._overhang, task)
+        return plan_by_walking(self.name, task, problem, self._walker(task.world, rng))
 
     def _seen(self, world: WorldView) -> WorldView:
         """The view as this planner can take it."""

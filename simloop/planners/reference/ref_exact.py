@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 
 from simloop.messages import FloatArray, WorldView
@@ -18,7 +16,6 @@ class Exact(Reference):
     """Tangent graph and Dijkstra. Its arcs are chords about discs grown by a chord's sag more."""
 
     name = "exact"
-    worlds: ClassVar[tuple[str, ...]] = ("discs",)
 
     def route(self, world: WorldView, p: Problem, rng: np.random.Generator) -> FloatArray | None:
         """Counts one trial a solution: nothing is searched at random."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import heapq
 import math
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -147,7 +147,6 @@ class VisibilityGraph(Reference):
     """The whole graph, then Dijkstra."""
 
     name = "visibility"
-    worlds: ClassVar[tuple[str, ...]] = ("discs", "polygons")
 
     def route(self, world: WorldView, p: Problem, rng: np.random.Generator) -> FloatArray | None:
         """A trial is one line of sight."""

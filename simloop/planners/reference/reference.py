@@ -9,23 +9,16 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from simloop.common.errors import InputError
 from simloop.messages import FloatArray, WorldView
 from simloop.planners.problem.clearance import Problem
+from simloop.planners.protocol import kind_of
 from simloop.planners.reactive.rollout import Walk, WalkingPlanner
-
-WORLDS = ("discs", "polygons", "field")
-
-
-def kind_of(world: WorldView) -> str:
-    """Which of `WORLDS` a view is: the richest that it holds."""
-    if world.distance_m.size:
-        return "field"
-    return "polygons" if len(world.polygons_m) else "discs"
+from simloop.planners.registry import info
 
 
 def library(name: str, planner: str) -> Any:
@@ -40,14 +33,10 @@ def library(name: str, planner: str) -> Any:
 
 
 class Reference(WalkingPlanner):
-    """A subclass finds a `route`."""
-
-    worlds: ClassVar[tuple[str, ...]] = WORLDS
-    """The kinds of world it has an answer for; a field's discs stand for it elsewhere. Where it
-    finds nothing its plan is the straight line."""
+    """A subclass finds a `route`. Where it finds none the plan is the straight line."""
 
     def _seen(self, world: WorldView) -> WorldView:
-        if kind_of(world) not in self.worlds and len(world.discs_xyr_m):
+        if kind_of(world) not in info(self.name).worlds and len(world.discs_xyr_m):
             # What the cells hold is there as discs too, a little larger.
             return replace(world, distance_m=np.zeros((0, 0), np.float32))
         return world
@@ -55,7 +44,7 @@ class Reference(WalkingPlanner):
     def _walker(self, world: WorldView, rng: np.random.Generator) -> Callable[[Problem, int], Walk]:
         def walk(p: Problem, attempt: int) -> Walk:
             before = int(p.trials[0])
-            found = self.route(world, p, rng) if kind_of(world) in self.worlds else None
+            found = self.route(world, p, rng) if kind_of(world) in info(self.name).worlds else None
             straight = np.array([[p.start_x, p.start_y], [p.goal_x, p.goal_y]])
             return Walk(straight if found is None else found, True, int(p.trials[0]) - before)
 
