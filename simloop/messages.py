@@ -272,8 +272,8 @@ class Plan(BaseMessage):
     Attributes:
         t_ns: Simulated time of the view that was planned in, ns.
         waypoints_m: (M, 2) from the start to the goal, in map, m.
-        cost: J of the whole polyline: length, turning and, where clearance is lacking, its
-            penalty.
+        cost: J of the whole polyline as the planner minimises it: length, turning, the turn at
+            the start and, where clearance is lacking, its penalty.
         length_m: Length, m.
         turning_rad: Sum of the turns at the inner waypoints, rad.
         safe: Whether the polyline keeps ``safe_distance_m`` all along (near a start that is too
@@ -286,6 +286,8 @@ class Plan(BaseMessage):
         history: (H, 2) evaluations and the best J from then on, one row for each gain; empty if
             the planner keeps none.
         safe_distance_m: Distance from obstacles that the plan was asked to keep, m.
+        start_turn_cost: What the turn from the robot's heading to the first segment adds to
+            ``cost``.
     """
 
     t_ns: int
@@ -302,6 +304,12 @@ class Plan(BaseMessage):
     history: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
     _: KW_ONLY
     safe_distance_m: float
+    start_turn_cost: float = 0.0
+
+    @property
+    def path_cost(self) -> float:
+        """J without the turn at the start: what it costs whichever way the robot faces now."""
+        return self.cost - self.start_turn_cost
 
 
 @dataclass(frozen=True, slots=True, eq=False)

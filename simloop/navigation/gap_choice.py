@@ -76,7 +76,8 @@ class GapChooser:
         elif self._config.prefer_m > 0.0 and usual.evaluations <= _HARD:
             roomy = self._planner.plan(self._at(task, self._roomy_m), self._rng)
             spent += roomy.evaluations
-            if roomy.safe and roomy.cost < usual.cost * (1.0 + self._config.prefer_share):
+            dearest = usual.path_cost * (1.0 + self._config.prefer_share)
+            if roomy.safe and roomy.path_cost < dearest:
                 chosen = roomy
         return replace(chosen, evaluations=spent)
 

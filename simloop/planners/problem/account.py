@@ -14,6 +14,7 @@ from simloop.planners.problem.objective import (
     intrusion,
     length_and_turning,
     make_stack,
+    start_turn,
 )
 from simloop.planners.protocol import PlanningTask
 
@@ -43,11 +44,11 @@ def problem_of(config: PlannerConfig, overhang_m: float, task: PlanningTask) -> 
 
 
 @njit(cache=True)
-def _measure(p: Problem, path: FloatArray, stack: FloatArray) -> tuple[float, float, float]:
-    """Length, turning and summed intrusion of a path."""
+def _measure(p: Problem, path: FloatArray, stack: FloatArray) -> tuple[float, float, float, float]:
+    """Length, turning, start turn and summed intrusion of a path."""
     m = path.shape[0]
     length, turning = length_and_turning(path, m)
-    return length, turning, intrusion(p, path, m, np.inf, stack)
+    return length, turning, start_turn(p, path, m), intrusion(p, path, m, np.inf, stack)
 
 
 def lack_of(p: Problem, path: FloatArray) -> float:
@@ -86,9 +87,10 @@ def account(
     Returns:
         The plan; it is safe if nothing is lacking.
     """
-    length, turning, lack = _measure(p, path, make_stack())
+    length, turning, first_turn, lack = _measure(p, path, make_stack())
     lack = lack if lack_m is None else lack_m
-    cost = p.length_weight * length + p.turning_weight * turning
+    start_turn_cost = p.start_turn_weight * first_turn
+    cost = p.length_weight * length + p.turning_weight * turning + start_turn_cost
     return Plan(
         t_ns=task.world.t_ns,
         waypoints_m=path,
@@ -99,5 +101,6 @@ def account(
         planner=name,
         reason=task.reason,
         safe_distance_m=task.safe_distance_m,
+        start_turn_cost=start_turn_cost,
         **told,
     )
