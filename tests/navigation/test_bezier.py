@@ -111,7 +111,7 @@ def test_the_band_never_costs_more_and_keeps_the_clearance_that_the_plan_has(see
     rng = np.random.default_rng(seed)
     view = view_of([(*rng.uniform(-2.0, 2.0, 2), rng.uniform(0.1, 0.3)) for _ in range(6)])
     points = np.vstack([(-2.5, -2.5), rng.uniform(-2.0, 2.0, (2, 2)), (2.5, 2.5)])
-    field, offsets = field_of(view), np.array(VEHICLE.footprint_offsets_m)
+    field, offsets = field_of(view, outside="edge"), np.array(VEHICLE.footprint_offsets_m)
     band = make_room(points, field, offsets, SAFE, SAFE + 0.04)
 
     def cost(line):
@@ -154,7 +154,7 @@ def test_every_cut_but_the_tightest_keeps_the_safe_distance(turn, gap):
     radius, least = 0.05, 0.05
     inwards = np.array([-math.sin(0.5 * turn), math.cos(0.5 * turn)])
     centre = (radius + gap) / math.cos(0.5 * turn) * inwards
-    field = field_of(view_of([(*centre, radius)]))
+    field = field_of(view_of([(*centre, radius)]), outside="edge")
     offsets = np.array(VEHICLE.footprint_offsets_m)
     cuts = fit_corners(points, field, offsets, SAFE, SAFE + 0.04, 1.0, least)
     assert cuts[0] == cuts[2] == 0.0 and cuts[1] >= least
