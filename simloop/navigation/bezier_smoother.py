@@ -191,7 +191,7 @@ class Smoother:
         Returns:
             The sampled path with the clearance at each sample.
         """
-        field, safe = field_of(view, outside="free"), plan.safe_distance_m
+        field, safe = field_of(view, outside="edge"), plan.safe_distance_m
         points, straight = self._with_room(plan.waypoints_m, field, safe)
         turn = wrap_angle(straight[0, 2] - pose[2])
         if abs(turn) < _STRAIGHT_RAD or abs(turn) > self._config.lead_in_max_turn_rad:
