@@ -7,7 +7,7 @@ in integer nanoseconds. Arrays inside a message are read-only.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import KW_ONLY, dataclass, field, fields
 from enum import StrEnum
 from functools import cache
 from typing import Any
@@ -267,11 +267,27 @@ class WorldView(BaseMessage):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan(BaseMessage):
-    """A planner's answer: waypoints_m (M, 2) from start to goal, with its account.
+    """A planner's answer to a task: a polyline and what it costs.
 
-    cost is J = w1 length + w2 turning (+ penalty when not safe). candidates_m: some of the
-    final class, for the eye only. ``safe``: clearance kept along the whole polyline. history:
-    (H, 2) evaluations and the best J from then on, one row for each gain; empty if not kept.
+    Attributes:
+        t_ns: Simulated time of the view that was planned in, ns.
+        waypoints_m: (M, 2) from the start to the goal, in map, m.
+        cost: J of the whole polyline as the planner minimises it: length, turning, the turn at
+            the start and, where clearance is lacking, its penalty.
+        length_m: Length, m.
+        turning_rad: Sum of the turns at the inner waypoints, rad.
+        safe: Whether the polyline keeps ``safe_distance_m`` all along (near a start that is too
+            close to something, as much of it as the start allows).
+        evaluations: How many paths and single segments were tried.
+        generations: How many generations a population went through.
+        planner: Name of the planner.
+        reason: Why the plan was asked for.
+        candidates_m: Some paths (., 2) of the final population, to look at.
+        history: (H, 2) evaluations and the best J from then on, one row for each gain; empty if
+            the planner keeps none.
+        safe_distance_m: Distance from obstacles that the plan was asked to keep, m.
+        start_turn_cost: What the turn from the robot's heading to the first segment adds to
+            ``cost``.
     """
 
     t_ns: int
@@ -286,6 +302,14 @@ class Plan(BaseMessage):
     reason: str = "frame"
     candidates_m: tuple[FloatArray, ...] = ()
     history: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    _: KW_ONLY
+    safe_distance_m: float
+    start_turn_cost: float = 0.0
+
+    @property
+    def path_cost(self) -> float:
+        """J without the turn at the start: what it costs whichever way the robot faces now."""
+        return self.cost - self.start_turn_cost
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -37,7 +37,7 @@ from simloop.messages import (
 )
 from simloop.navigation.bezier_smoother import Smoother
 from simloop.navigation.feasibility import Reachability, stands_in_the_way
-from simloop.navigation.gap_choice import WidthPlanner
+from simloop.navigation.gap_choice import GapChooser
 from simloop.navigation.moving_goal import Pursuit
 from simloop.navigation.planner_world import foresee, opened
 from simloop.perception.low_obstacles import LowObstacleMap, looking_ahead
@@ -84,7 +84,8 @@ class Robot:
         if base_from_camera is not None:
             self._low = LowObstacleMap(config.low_obstacles, config.slam, base_from_camera)
         self._pursuit = Pursuit(mission.goal)
-        self._planner = WidthPlanner(config, rng)
+        self._planner = GapChooser(config, rng)
+        self._smoother = Smoother(config.smoother, vehicle)
         self._tracker = Tracker(
             config.tracker, vehicle, safe, mission.goal, mission.goal_tolerance_m, period
         )
@@ -97,7 +98,7 @@ class Robot:
         self._pace_mps = config.tracker.max_speed_mps
         self._plan_ns = round(rates.plan_s * 1e9)
         self._plan: Plan | None = None
-        self._pending: tuple[int, Plan, Smoother, WorldView] | None = None
+        self._pending: tuple[int, Plan, WorldView] | None = None
         self._counts, self._sprocket_radps = StandingCounts(), np.zeros(2)
         self._planned_ns = self._path_ns = self._image_ns = 0
         self._driven = self._yields = False
@@ -246,11 +247,11 @@ class Robot:
                 pose, pace = estimate.pose, self._pace_mps
                 goal = self._pursuit.aim(still, pose, pace, self._config.planner.safe_distance_m)
                 view = foresee(still, self._localiser.movers, pose, pace)
-                plan, smoother, view = self._find_way(view, pose, goal, reason)
+                plan, view = self._find_way(view, pose, goal, reason)
             if plan.safe:
                 break
         self._planned_ns = estimate.t_ns
-        self._pending = (estimate.t_ns + self._latency_ns(plan), plan, smoother, view)
+        self._pending = (estimate.t_ns + self._latency_ns(plan), plan, view)
         grid = self._slam
         self._say(plan, view)
         self._say(
@@ -266,18 +267,17 @@ class Robot:
 
     def _find_way(
         self, view: WorldView, pose: FloatArray, goal: FloatArray, reason: str
-    ) -> tuple[Plan, Smoother, WorldView]:
-        """The plan from ``pose`` (3,) to ``goal`` (2,), what smooths it, and the view that it was
-        found in."""
-        plan, smoother = self._planner.plan(view, pose, goal, self._plan, reason)
+    ) -> tuple[Plan, WorldView]:
+        """The plan from ``pose`` (3,) to ``goal`` (2,), and the view that it was found in."""
+        plan = self._planner.plan(view, pose, goal, self._plan, reason)
         if plan.safe or view.movers is not None:  # what moves clears the way again
-            return plan, smoother, view
+            return plan, view
         wider = opened(view)
-        other, its_smoother = self._planner.plan(wider, pose, goal, self._plan, reason)
+        other = self._planner.plan(wider, pose, goal, self._plan, reason)
         spent = plan.evaluations + other.evaluations
         if other.safe:
-            return replace(other, evaluations=spent), its_smoother, wider
-        return replace(plan, evaluations=spent), smoother, view
+            return replace(other, evaluations=spent), wider
+        return replace(plan, evaluations=spent), view
 
     def _latency_ns(self, plan: Plan) -> int:
         """The simulated time that planning takes: given, never measured."""
@@ -289,12 +289,12 @@ class Robot:
     def _take_up_plan(self, estimate: Estimate) -> None:
         if self._pending is None or estimate.t_ns < self._pending[0]:
             return
-        _, plan, smoother, view = self._pending
+        _, plan, view = self._pending
         self._pending, self._plan, self._path_ns = None, plan, estimate.t_ns
         pose, (ahead, aside) = estimate.pose, plan.waypoints_m[1] - plan.waypoints_m[0]
         reverses = self._rear_first(pose, math.atan2(aside, ahead))
         with self._time["smoother"]:
-            path = smoother.smooth(plan, view, about_face(pose) if reverses else pose)
+            path = self._smoother.smooth(plan, view, about_face(pose) if reverses else pose)
         self._tracker.follow(path, float(estimate.state[GAUGE]), reverses)
         self._say(path)
 
@@ -318,7 +318,7 @@ class Robot:
             speed, rate, mode = tracker.velocity(estimate)
             mode = "wait" if watchdog.stops and mode in ("follow", "turn") else mode
             if recovery.watch(estimate, mode in ("follow", "turn") and not self._yields):
-                self._planner.distrust_tight_gaps()
+                self._planner.stop_trying_tight_gaps()
                 recovery.start(estimate, self._next_part(estimate.pose))
                 self._say(Event(estimate.t_ns, "warning", "stuck: backing off"))
         asked, (speed, rate) = (speed, rate), watchdog.limit(speed, rate)

@@ -19,8 +19,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from simloop.config import PlannerConfig, VehicleConfig
-from simloop.messages import FloatArray, Plan, WorldView
-from simloop.planners.problem.account import problem_of
+from simloop.messages import FloatArray, Plan
+from simloop.planners.problem.account import account, problem_of
 from simloop.planners.problem.bends import MAX_POINTS, copy_path, refine, settle, without_twins
 from simloop.planners.problem.clearance import Problem
 from simloop.planners.problem.objective import (
@@ -30,6 +30,7 @@ from simloop.planners.problem.objective import (
     length_and_turning,
     make_stack,
 )
+from simloop.planners.protocol import PlanningTask
 from simloop.planners.splitmix import State, make_state
 from simloop.planners.tlbo.lines import Lines, decode, encode, make_lines, nearby
 from simloop.planners.tlbo.recombine import recombine
@@ -202,13 +203,6 @@ def _show(p: Problem, b: Buffers, free: int, m: int) -> int:
     return min(_SHOWN, b.learners.cost.size)
 
 
-@njit(cache=True)
-def _account(p: Problem, path: FloatArray, m: int, stack: FloatArray) -> tuple[float, float, float]:
-    """Length, turning and summed intrusion of a path."""
-    length, turning = length_and_turning(path, m)
-    return length, turning, intrusion(p, path, m, np.inf, stack)
-
-
 def _tuning(config: PlannerConfig) -> Tuning:
     """A frame has little time: it waits for a fifteenth of the idle generations, ``precise`` for
     a third, and it looks at fewer and coarser routes."""
@@ -222,7 +216,6 @@ class TlboPlanner:
     """Keeps `simloop.planners.protocol.Planner`; its state between calls is scratch only."""
 
     name = "tlbo"
-    invariant = ("shift", "rotate", "mirror", "scale")
 
     def __init__(self, config: PlannerConfig, vehicle: VehicleConfig) -> None:
         self._config = config
@@ -231,35 +224,20 @@ class TlboPlanner:
         routes = _ROUTES_PRECISE if config.precise else _ROUTES
         self._buffers = make_buffers(config.learners, routes)
 
-    def plan(
-        self,
-        world: WorldView,
-        start: FloatArray,
-        goal: FloatArray,
-        rng: np.random.Generator,
-        *,
-        previous: Plan | None = None,
-        reason: str = "frame",
-    ) -> Plan:
+    def plan(self, task: PlanningTask, rng: np.random.Generator) -> Plan:
         """As the protocol says. A start too close to something: see `make_problem`."""
-        config, b = self._config, self._buffers
-        problem = problem_of(config, self._overhang, world, start, goal)
+        b = self._buffers
+        problem = problem_of(self._config, self._overhang, task)
         b.state[:] = make_state(rng)
-        warm = self._warm(problem, previous)
+        warm = self._warm(problem, task.previous)
         m, generations, shown = _solve(problem, self._tuning, warm, b)
-        length, turning, lack = _account(problem, b.best, m, b.stack)
-        cost = config.length_weight * length + config.turning_weight * turning
-        return Plan(
-            t_ns=world.t_ns,
-            waypoints_m=b.best[:m].copy(),
-            cost=cost + config.penalty * lack,
-            length_m=length,
-            turning_rad=turning,
-            safe=lack == 0.0,
+        return account(
+            self.name,
+            task,
+            problem,
+            b.best[:m].copy(),
             evaluations=int(problem.trials[0]),
             generations=generations,
-            planner=self.name,
-            reason=reason,
             candidates_m=tuple(b.shown[k, :m].copy() for k in range(shown)),
         )
 

@@ -124,17 +124,20 @@ def test_planning_time_is_charged_to_simulated_time():
 
 def test_a_blind_robot_is_stopped_by_the_referee_or_stops_itself(monkeypatch):
     """With a planner that always goes straight the monitor holds the robot before the obstacle."""
-    from simloop.navigation import gap_choice as widths
+    from simloop.navigation import gap_choice
 
     class Straight:
         name = "straight"
 
-        def plan(self, world, start, goal, rng, *, previous=None, reason="frame"):
-            points = np.array([start[:2], goal])
+        def plan(self, task, rng):
+            points = np.array([task.start[:2], task.goal])
             length = float(np.hypot(*(points[1] - points[0])))
-            return Plan(world.t_ns, points, length, length, 0.0, False, 1, 0, self.name, reason)
+            return Plan(
+                task.world.t_ns, points, length, length, 0.0, False, 1, 0, self.name, task.reason,
+                safe_distance_m=task.safe_distance_m,
+            )  # fmt: skip
 
-    monkeypatch.setattr(widths, "make_planner", lambda *_: Straight())
+    monkeypatch.setattr(gap_choice, "make_planner", lambda *_: Straight())
     tape = Tape()
     result = run("experiment", 0, "time_limit_s=20.0", listeners=[tape.offer])
     assert result.outcome in ("timeout", "stuck")

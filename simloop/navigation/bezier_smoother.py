@@ -170,73 +170,85 @@ def path_clearance(samples: FloatArray, field: Field, offsets: FloatArray) -> Fl
 
 
 class Smoother:
-    """Turns plans into paths that the tracker can follow."""
+    """Turns plans into paths that the tracker can follow, at each plan's own safe distance."""
 
-    def __init__(
-        self, config: SmootherConfig, vehicle: VehicleConfig, safe_distance_m: float
-    ) -> None:
-        self._config, self._safe = config, safe_distance_m
+    def __init__(self, config: SmootherConfig, vehicle: VehicleConfig) -> None:
+        self._config = config
         self._offsets = np.array(vehicle.footprint_offsets_m)
 
     def smooth(self, plan: Plan, view: WorldView, pose: FloatArray) -> SmoothPath:
-        """The path along ``plan`` from ``pose`` (3,) in map.
+        """Smooth a plan from where the robot stands.
 
-        It starts along the robot's heading where that is near enough to the plan's and the
-        clearance allows; else along the plan, and the robot turns on the spot first.
+        The path starts along the robot's heading if that is near enough to the plan's and the
+        clearance allows it. Otherwise it starts along the plan, and the robot turns on the spot
+        first.
+
+        Args:
+            plan: The polyline to follow and the safe distance that it keeps.
+            view: The view that the plan was made in.
+            pose: (3,) x, y, yaw of base_link in map, m, m, rad.
+
+        Returns:
+            The sampled path with the clearance at each sample.
         """
-        field = field_of(view)
-        points, straight = self._roomy(plan.waypoints_m, field)
+        field, safe = field_of(view, outside="edge"), plan.safe_distance_m
+        points, straight = self._with_room(plan.waypoints_m, field, safe)
         turn = wrap_angle(straight[0, 2] - pose[2])
         if abs(turn) < _STRAIGHT_RAD or abs(turn) > self._config.lead_in_max_turn_rad:
             return self._message(plan, straight, field)
-        enough = min(self._safe, float(path_clearance(straight, field, self._offsets).min()))
+        enough = min(safe, float(path_clearance(straight, field, self._offsets).min()))
         for fraction in _LEAD_FRACTIONS:
-            led = self._path(self._with_lead_in(points, pose, fraction), field)
+            led = self._path(self._with_lead_in(points, pose, fraction), field, safe)
             if path_clearance(led, field, self._offsets).min() >= enough:
                 return self._message(plan, led, field)
         return self._message(plan, straight, field)
 
-    def _roomy(self, waypoints: FloatArray, field: Field) -> tuple[FloatArray, FloatArray]:
+    def _with_room(
+        self, waypoints: FloatArray, field: Field, safe: float
+    ) -> tuple[FloatArray, FloatArray]:
         """The plan's points, moved to where there is room, and the path along them.
 
-        Where the plan's own points make a path of more clearance than the safety distance and
-        the moved ones do not, they stay.
+        The points stay where they are if that leaves the path more clearance than moving them,
+        and moving them does not leave the safe distance.
         """
         points = np.ascontiguousarray(waypoints)
         if self._config.extra_room_m > 0.0:
-            preferred = self._safe + self._config.extra_room_m
-            moved = make_room(points, field, self._offsets, self._safe, preferred)
-            path = self._path(moved, field)
+            preferred = safe + self._config.extra_room_m
+            moved = make_room(points, field, self._offsets, safe, preferred)
+            path = self._path(moved, field, safe)
             least = path_clearance(path, field, self._offsets).min()
-            if least >= self._safe:
+            if least >= safe:
                 return moved, path
-            plain = self._path(points, field)
+            plain = self._path(points, field, safe)
             if least >= path_clearance(plain, field, self._offsets).min():
                 return moved, path
             return points, plain
-        return points, self._path(points, field)
+        return points, self._path(points, field, safe)
 
     def _with_lead_in(self, points: FloatArray, pose: FloatArray, fraction: float) -> FloatArray:
+        """The polyline with a first leg along the robot's heading."""
         first = math.dist(points[0], points[1])
         lead = fraction * min(self._config.lead_in_m, 0.5 * first)
         ahead = points[0] + lead * np.array([math.cos(pose[2]), math.sin(pose[2])])
         return np.vstack((points[:1], ahead, points[1:]))
 
-    def _path(self, points: FloatArray, field: Field) -> FloatArray:
+    def _path(self, points: FloatArray, field: Field, safe: float) -> FloatArray:
+        """The polyline with its corners cut, sampled: (k, 4) x, y, yaw, curvature."""
         config = self._config
         points = np.ascontiguousarray(points)
         cuts = fit_corners(
             points,
             field,
             self._offsets,
-            self._safe,
-            self._safe + config.extra_room_m,
+            safe,
+            safe + config.extra_room_m,
             config.max_cut_m,
             config.min_cut_m,
         )
         return sample_path(points, cuts, config.spacing_m)
 
     def _message(self, plan: Plan, samples: FloatArray, field: Field) -> SmoothPath:
+        """The message about a sampled path (k, 4)."""
         clearance = path_clearance(samples, field, self._offsets)
         steps = np.hypot(np.diff(samples[:, 0]), np.diff(samples[:, 1]))
         return SmoothPath(
@@ -246,5 +258,5 @@ class Smoother:
             curvature_1pm=samples[:, 3].copy(),
             arc_m=np.concatenate(([0.0], np.cumsum(steps))),
             clearance_m=clearance,
-            safe=bool(clearance.min() >= self._safe - 1e-3),
+            safe=bool(clearance.min() >= plan.safe_distance_m - 1e-3),
         )

@@ -105,7 +105,7 @@ def test_no_stage_draws_from_anothers_chance():
 def test_a_plan_takes_the_simulated_time_that_was_given(latency, seconds, expected_ns):
     settings = [f"planner.latency='{latency}'", f"planner.latency_s={seconds}"]
     robot = Simulation(load("open", settings)).robot
-    plan = Plan(0, np.zeros((2, 2)), 0.0, 0.0, 0.0, True, 8123, 3, "tlbo")
+    plan = Plan(0, np.zeros((2, 2)), 0.0, 0.0, 0.0, True, 8123, 3, "tlbo", safe_distance_m=0.26)
     assert robot._latency_ns(plan) == expected_ns
     twice = replace(plan, evaluations=16246)
     assert robot._latency_ns(twice) == expected_ns * (2 if latency == "per_evaluation" else 1)

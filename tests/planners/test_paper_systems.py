@@ -18,6 +18,7 @@ from simloop.config import PlannerConfig, VehicleConfig
 from simloop.planners.metaheuristics.rule_avoa import AfricanVultures
 from simloop.planners.metaheuristics.rule_swarm import AdaptiveSwarm
 from simloop.planners.problem.clearance import SAFE_WITHIN_M
+from simloop.planners.protocol import PlanningTask
 from simloop.planners.reactive.fuzzy import FuzzySteering
 from simloop.planners.reactive.online import simulate
 from simloop.planners.reactive.steering import RuleSteering
@@ -39,7 +40,9 @@ QUICK, MANY = 2, 50
 def plan(name, one, seed, **settings):
     config = PlannerConfig(name=name, safe_distance_m=one.safe_m, start_turn_weight=0.0, **settings)
     rng = np.random.default_rng(seed)
-    return make_planner(config, POINT).plan(one.world, one.start, one.goal, rng)
+    return make_planner(config, POINT).plan(
+        PlanningTask(one.world, one.start, one.goal, one.safe_m), rng
+    )
 
 
 def is_safe(one, found):

@@ -14,6 +14,7 @@ from simloop.benchmarks.planners.scenes import box_world, disc_world, scene, tru
 from simloop.common.errors import InputError
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.planners.problem.account import problem_of
+from simloop.planners.protocol import PlanningTask
 from simloop.planners.reference.exact import exact_path
 from simloop.planners.reference.ref_grid import spacing
 from simloop.planners.registry import make_planner
@@ -28,7 +29,8 @@ def plan(name, world, start, goal, seed=0, evaluations=4000, safe_m=SAFE_M):
         name=name, start_turn_weight=0.0, safe_distance_m=safe_m, max_evaluations=evaluations
     )
     rng = np.random.default_rng(seed)
-    return make_planner(config, POINT).plan(world, np.array([*start, 0.0]), np.array(goal), rng)
+    task = PlanningTask(world, np.array([*start, 0.0]), np.array(goal), safe_m)
+    return make_planner(config, POINT).plan(task, rng)
 
 
 def solve(name, one, **more):

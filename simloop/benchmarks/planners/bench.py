@@ -31,7 +31,7 @@ from simloop.benchmarks.planners.trials import (
     PRECISE,
     Trial,
     handles,
-    is_rule,
+    info_of,
     prepare,
     settings,
     time_plans,
@@ -195,8 +195,15 @@ def available_planners() -> tuple[str, ...]:
 
 
 def is_metaheuristic(name: str) -> bool:
-    """Whether a planner is one of those that the lead planner is to be first among."""
-    return is_rule(name) or name in ("ga_apf", "cma")
+    """Whether a planner is a metaheuristic that the lead planner is compared with.
+
+    Args:
+        name: Name of the planner.
+
+    Returns:
+        Whether it is.
+    """
+    return name not in (LEAD, PRECISE) and info_of(name).metaheuristic
 
 
 def run(request: Request, console: Console | None = None) -> Result:

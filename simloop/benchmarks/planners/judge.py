@@ -17,6 +17,7 @@ from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray
 from simloop.planners.problem.clearance import SAFE_WITHIN_M
 from simloop.planners.problem.objective import LEAST_INTRUSION_M
+from simloop.planners.protocol import PlanningTask
 from simloop.planners.reference.exact import exact_path
 from simloop.planners.registry import make_planner
 
@@ -282,14 +283,14 @@ def _measure_one(
 ) -> None:
     config = replace(config, safe_distance_m=instance.safe_m, start_turn_weight=0.0)
     planner = make_planner(config, _POINT)
-    task = (instance.world, instance.start, instance.goal)
-    planner.plan(*task, np.random.default_rng(0))  # warms the kernels and caches up
+    task = PlanningTask(instance.world, instance.start, instance.goal, instance.safe_m)
+    planner.plan(task, np.random.default_rng(0))  # compiles the kernels and fills the caches
     costs, paths = [], []
     gc.collect()
     for seed in range(seeds):
         rng = np.random.default_rng(seed)
         began = perf_counter()
-        plan = planner.plan(*task, rng)
+        plan = planner.plan(task, rng)
         tally.ms.append(1e3 * (perf_counter() - began))
         tally.evaluations.append(plan.evaluations)
         costs.append(path_cost(plan.waypoints_m))

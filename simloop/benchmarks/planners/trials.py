@@ -12,15 +12,12 @@ from simloop.benchmarks.planners.judge import Verdict, judge, path_cost
 from simloop.benchmarks.planners.scenes import Instance
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray, Plan
-from simloop.planners import registry
-from simloop.planners.protocol import Planner
+from simloop.planners.protocol import Planner, PlanningTask, kind_of
 from simloop.planners.reactive.online import OnlineWorld, simulate
-from simloop.planners.reference.reference import Reference, kind_of
-from simloop.planners.registry import make_planner
+from simloop.planners.registry import PlannerInfo, info, make_planner
 
 POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))
 PRECISE = "tlbo_precise"
-SLOW = ("avoa_online", "apso_online", "fuzzy_wdo", "ga_apf", "informed_rrt_star", "bit_star")
 LADDER = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2)
 """Shares of the budget at which a planner that keeps no history is run again for one."""
 _NEVER_IDLE = 10_000
@@ -83,29 +80,31 @@ def moving_instance(online: OnlineWorld) -> MovingInstance:
     )
 
 
-def is_rule(name: str) -> bool:
-    """Whether a planner is an update rule on the common engine."""
-    return name != PRECISE and hasattr(registry.load(name), "generation")
+def info_of(name: str) -> PlannerInfo:
+    """What the registry knows about a planner.
 
+    Args:
+        name: Name of the planner; `PRECISE` is the lead planner.
 
-def is_by_chance(name: str) -> bool:
-    """Whether another seed can give another plan."""
-    return name not in ("exact", "visibility", "astar", "theta_star", "potential_field")
-
-
-def is_slow(name: str) -> bool:
-    """Whether a plan may take seconds: those that walk step by step, or grow a tree."""
-    return name in SLOW
+    Returns:
+        Its entry.
+    """
+    return info("tlbo" if name == PRECISE else name)
 
 
 def handles(name: str, instance: Instance) -> bool:
-    """Whether a planner has an answer for this kind of world."""
-    made = registry.load("tlbo" if name == PRECISE else name)
+    """Whether a planner can plan in the world of a task.
+
+    Args:
+        name: Name of the planner.
+        instance: The task.
+
+    Returns:
+        Whether it can.
+    """
     if isinstance(instance, MovingInstance):
-        return hasattr(made, "steering")
-    if isinstance(made, type) and issubclass(made, Reference):
-        return kind_of(instance.world) in made.worlds
-    return True
+        return info_of(name).stepwise
+    return kind_of(instance.world) in info_of(name).worlds
 
 
 def settings(name: str, instance: Instance, budget: int, learners: int) -> PlannerConfig:
@@ -131,7 +130,7 @@ def settings(name: str, instance: Instance, budget: int, learners: int) -> Plann
         max_evaluations=budget,
         learners=learners,
     )
-    if not is_rule(name):
+    if not info_of(name).update_rule:
         return common
     return replace(common, idle_generations=_NEVER_IDLE, options={"seeding": "seeded"})
 
@@ -152,9 +151,19 @@ def prepare(config: PlannerConfig) -> Planner:
 
 
 def plan_once(planner: Planner, instance: Instance, seed: int) -> Plan:
-    """A cold plan with a generator of its own."""
+    """Plan once, without a previous plan and with a new random generator.
+
+    Args:
+        planner: The planner.
+        instance: The task.
+        seed: Seed of the generator.
+
+    Returns:
+        The plan.
+    """
     rng = np.random.default_rng(seed)
-    return planner.plan(instance.world, instance.start, instance.goal, rng)
+    task = PlanningTask(instance.world, instance.start, instance.goal, instance.safe_m)
+    return planner.plan(task, rng)
 
 
 def plan_timed(planner: Planner, instance: Instance, seed: int) -> tuple[Plan, float]:

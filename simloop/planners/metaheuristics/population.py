@@ -207,8 +207,6 @@ class Rule:
     scheduled: ClassVar[bool] = False
     """Whether it follows a schedule over the whole budget, so that idling does not end it."""
     reflect: ClassVar[bool] = False
-    invariant: ClassVar[tuple[str, ...]] = ("shift", "mirror", "scale")
-    """Changes of the world under which its results agree: shift, rotate, mirror, scale."""
 
     def __init__(self, options: Any = None) -> None:
         self.options = self.Options() if options is None else options

@@ -10,12 +10,13 @@ import numpy as np
 
 from simloop.common.errors import did_you_mean
 from simloop.config import PlannerConfig, VehicleConfig
-from simloop.messages import FloatArray, Plan, WorldView
+from simloop.messages import Plan
 from simloop.planners.metaheuristics.codings import CODINGS, PathObjective, encode, make_coding
 from simloop.planners.metaheuristics.population import Population, Rule, minimise
 from simloop.planners.metaheuristics.seeds import seeded
-from simloop.planners.problem.account import account, lack_of, problem_of
+from simloop.planners.problem.account import account, problem_of
 from simloop.planners.problem.clearance import Problem
+from simloop.planners.protocol import PlanningTask
 from simloop.planners.splitmix import make_state
 from simloop.planners.tlbo.warm import way_ahead
 
@@ -69,34 +70,22 @@ class PopulationPlanner:
         self._setup, self._options = read_options(rule, dict(config.options))
         self._overhang = max(vehicle.footprint_offsets_m)
 
-    def plan(
-        self,
-        world: WorldView,
-        start: FloatArray,
-        goal: FloatArray,
-        rng: np.random.Generator,
-        *,
-        previous: Plan | None = None,
-        reason: str = "frame",
-    ) -> Plan:
+    def plan(self, task: PlanningTask, rng: np.random.Generator) -> Plan:
         """As the protocol says. What lies ahead of ``previous`` is in a seeded first population;
         rules that begin uniformly, as the papers print them, begin anew."""
-        problem = problem_of(self._config, self._overhang, world, start, goal)
-        population, objective, generations = self._search(problem, rng, previous)
+        problem = problem_of(self._config, self._overhang, task)
+        population, objective, generations = self._search(problem, rng, task.previous)
         path = objective.path(population.best_x)
-        if math.dist(start[:2], goal) < _HERE_M:
-            path = np.array([start[:2], goal], dtype=np.float64)
-        lack = lack_of(problem, path)
+        if math.dist(task.start[:2], task.goal) < _HERE_M:
+            path = np.array([task.start[:2], task.goal], dtype=np.float64)
         shown = np.argsort(population.cost, kind="mergesort")[:_SHOWN]
         return account(
             self.name,
-            world,
+            task,
             problem,
             path,
-            lack,
             evaluations=population.spent,
             generations=generations,
-            reason=reason,
             candidates_m=tuple(objective.path(population.x[k]) for k in shown),
             history=np.array(population.history, dtype=np.float64).reshape(-1, 2),
         )

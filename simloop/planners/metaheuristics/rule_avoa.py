@@ -86,7 +86,6 @@ class AfricanVultures(Rule):
     name = "avoa"
     Options = AvoaOptions
     scheduled = True
-    invariant = ()
 
     def begin(self, population: Population) -> None:
         self._best_x = np.zeros((2, population.x.shape[1]))

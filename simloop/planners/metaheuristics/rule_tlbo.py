@@ -92,7 +92,6 @@ class TlboPaper(Rule):
     points = 4
     seeding = "uniform"
     evaluations = 2.0
-    invariant = ()
 
     @property
     def examined(self) -> int:
@@ -115,7 +114,6 @@ class TlboElitist(Rule):
     name = "tlbo_elitist"
     Options = ElitistOptions
     evaluations = 2.0
-    invariant = ()
 
     def generation(self, population: Population) -> None:
         p, elites = population, min(self.options.elites, population.size // 2)
@@ -144,7 +142,6 @@ class Niwtlbo(Rule):
     points = 14
     evaluations = 2.0
     scheduled = True
-    invariant = ("shift", "rotate", "mirror", "scale")
 
     def generation(self, population: Population) -> None:
         p = population

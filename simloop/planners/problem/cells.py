@@ -6,8 +6,7 @@ import math
 
 from numba import njit
 
-FREE_M = 1e3
-"""Clearance reported where the world holds nothing, m."""
+from simloop.geometry.distance_field import FREE_M
 
 
 @njit(cache=True, forceinline=True)

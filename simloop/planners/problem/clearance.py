@@ -12,8 +12,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from simloop.geometry.distance_field import FREE_M, interpolate
 from simloop.messages import FloatArray, WorldView
-from simloop.planners.problem.cells import FREE_M, cell_at, lens_bound
+from simloop.planners.problem.cells import cell_at, lens_bound
 from simloop.planners.problem.polygons import flatten_polygons, polygon_clearance
 
 TOLERANCE_M = 1e-6
@@ -136,19 +137,9 @@ def make_problem(
 
 @njit(cache=True, forceinline=True)
 def _sample_field(p: Problem, x: float, y: float) -> float:
-    """Bilinear distance at a point; outside the grid, that of the nearest point inside."""
-    rows, cols = p.field.shape
-    u = min(max((x - p.field_x) * p.per_m, 0.0), cols - 1.0)
-    v = min(max((y - p.field_y) * p.per_m, 0.0), rows - 1.0)
-    i = min(int(u), cols - 2) if cols > 1 else 0
-    j = min(int(v), rows - 2) if rows > 1 else 0
-    i1 = min(i + 1, cols - 1)
-    j1 = min(j + 1, rows - 1)
-    a = u - i
-    b = v - j
-    low = p.field[j, i] * (1.0 - a) + p.field[j, i1] * a
-    high = p.field[j1, i] * (1.0 - a) + p.field[j1, i1] * a
-    return low * (1.0 - b) + high * b
+    """Bilinear distance at a point; outside the field that of the nearest point inside."""
+    u, v = (x - p.field_x) * p.per_m, (y - p.field_y) * p.per_m
+    return interpolate(p.field, u, v, False)
 
 
 @njit(cache=True)

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from numba import njit
 
+from simloop.geometry.distance_field import FREE_M
 from simloop.messages import FloatArray
-from simloop.planners.problem.cells import FREE_M
 
 _TOUCH_M = 1e-9
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import ClassVar
 
 import numpy as np
 
@@ -38,8 +37,6 @@ _NO_MOVERS = np.zeros((0, 5))
 
 class OnlinePlanner(RolloutPlanner):
     """Plans with a new steering each time; a plan that fails ends where the point came nearest."""
-
-    invariant: ClassVar[tuple[str, ...]] = ("shift", "rotate", "mirror", "scale")
 
     def steering(self) -> Steering:
         """Make the object that chooses the headings.
@@ -113,7 +110,6 @@ class FuzzyWdo(OnlinePlanner):
     """A fuzzy controller, tuned by WDO, chooses each heading: the rival in map 1 of the paper."""
 
     name = "fuzzy_wdo"
-    invariant = ("shift", "rotate", "scale")  # its rules turn left where nothing else decides
 
     def steering(self) -> Steering:
         """See `OnlinePlanner.steering`.

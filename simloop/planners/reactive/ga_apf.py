@@ -312,7 +312,6 @@ class GaApf(RolloutPlanner):
     """Deforms the field of the view's discs anew for each plan."""
 
     name = "ga_apf"
-    invariant = ("shift", "rotate", "mirror", "scale")
 
     def __init__(self, config: PlannerConfig, vehicle: VehicleConfig) -> None:
         super().__init__(config, vehicle)

@@ -120,7 +120,6 @@ class PotentialField(RolloutPlanner):
     """A deterministic planner; if the point gets stuck, its plan ends there and is not safe."""
 
     name = "potential_field"
-    invariant = ("shift", "rotate", "mirror", "scale")
 
     def __init__(self, config: PlannerConfig, vehicle: VehicleConfig) -> None:
         super().__init__(config, vehicle)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray, Plan, WorldView
 from simloop.planners.problem.account import account, lack_of, problem_of
 from simloop.planners.problem.clearance import Problem, relaxed_clearance
+from simloop.planners.protocol import PlanningTask
 
 TOLERANCE_SHARES = (0.02, 0.005, 0.0)
 """Distances that a simplified path may lie from the trace, in safe distances. The first one that
@@ -150,10 +152,9 @@ def with_extra_clearance(p: Problem, extra_m: float) -> Problem:
 
 def plan_by_rollout(
     name: str,
-    world: WorldView,
+    task: PlanningTask,
     problem: Problem,
     roll_out: Callable[[Problem, int], Rollout],
-    reason: str,
 ) -> Plan:
     """Move a point to the goal and turn its trace into a plan.
 
@@ -163,10 +164,9 @@ def plan_by_rollout(
 
     Args:
         name: Name of the planner.
-        world: The world view that was planned in.
+        task: The task, with the world view that was planned in.
         problem: The planning problem in that view.
         roll_out: Called with a problem and the number of the attempt, from 0.
-        reason: Why the plan was asked for.
 
     Returns:
         The plan; ``safe`` only if its path keeps the safe distance and reaches the goal.
@@ -188,14 +188,13 @@ def plan_by_rollout(
     badness, done, path = best
     return account(
         name,
-        world,
+        task,
         problem,
         path,
-        badness,
+        lack_m=badness,
         evaluations=evaluations,
         generations=done.generations,
         candidates_m=done.candidates,
-        reason=reason,
     )
 
 
@@ -208,23 +207,22 @@ class RolloutPlanner:
         self._config = config
         self._overhang = max(vehicle.footprint_offsets_m)
 
-    def plan(
-        self,
-        world: WorldView,
-        start: FloatArray,
-        goal: FloatArray,
-        rng: np.random.Generator,
-        *,
-        previous: Plan | None = None,
-        reason: str = "frame",
-    ) -> Plan:
-        """As the protocol says; ``previous`` is not used. A walk that does not get to the goal
-        makes a plan that ends where it did, and is not safe."""
-        seen = self._seen(world)
-        problem = problem_of(self._config, self._overhang, seen, start, goal)
-        return plan_by_rollout(self.name, seen, problem, self._make_rollout(seen, rng), reason)
+    def plan(self, task: PlanningTask, rng: np.random.Generator) -> Plan:
+        """Move a point to the goal and return its trace as a plan; see `Planner.plan`.
 
-    def _seen(self, world: WorldView) -> WorldView:
+        Args:
+            task: What to plan; the previous plan is not used.
+            rng: Source of all randomness.
+
+        Returns:
+            The plan. If the point does not reach the goal, it ends where the point stopped and is
+            not safe.
+        """
+        task = replace(task, world=self._usable_view(task.world))
+        problem = problem_of(self._config, self._overhang, task)
+        return plan_by_rollout(self.name, task, problem, self._make_rollout(task.world, rng))
+
+    def _usable_view(self, world: WorldView) -> WorldView:
         """The view in the form that this planner can use."""
         return world
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 
 from simloop.messages import FloatArray, WorldView
@@ -22,7 +20,6 @@ class Exact(Reference):
     """
 
     name = "exact"
-    worlds: ClassVar[tuple[str, ...]] = ("discs",)
 
     def route(self, world: WorldView, p: Problem, rng: np.random.Generator) -> FloatArray | None:
         """Find the path of least J; counts one trial, because nothing is searched at random.

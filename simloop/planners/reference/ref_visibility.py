@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import heapq
 import math
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -181,7 +181,6 @@ class VisibilityGraph(Reference):
     """Builds the whole graph, then runs Dijkstra's algorithm on it."""
 
     name = "visibility"
-    worlds: ClassVar[tuple[str, ...]] = ("discs", "polygons")
 
     def route(self, world: WorldView, p: Problem, rng: np.random.Generator) -> FloatArray | None:
         """Find the path of least J; a trial is one line of sight.

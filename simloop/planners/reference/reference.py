@@ -9,23 +9,16 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from simloop.common.errors import InputError
 from simloop.messages import FloatArray, WorldView
 from simloop.planners.problem.clearance import Problem
+from simloop.planners.protocol import kind_of
 from simloop.planners.reactive.rollout import Rollout, RolloutPlanner
-
-WORLDS = ("discs", "polygons", "field")
-
-
-def kind_of(world: WorldView) -> str:
-    """Which of `WORLDS` a view is: the richest that it holds."""
-    if world.distance_m.size:
-        return "field"
-    return "polygons" if len(world.polygons_m) else "discs"
+from simloop.planners.registry import info
 
 
 def import_library(name: str, planner: str) -> Any:
@@ -51,14 +44,14 @@ def import_library(name: str, planner: str) -> Any:
 
 
 class Reference(RolloutPlanner):
-    """A planner whose subclasses find a `route`; without one its plan is the straight line."""
+    """A planner whose subclasses find a `route`; without one its plan is the straight line.
 
-    worlds: ClassVar[tuple[str, ...]] = WORLDS
-    """The kinds of world that it can plan in. A view of another kind is replaced by its discs, if
-    it holds any."""
+    A view of a kind that the registry does not list for the planner is replaced by its discs, if
+    it holds any.
+    """
 
-    def _seen(self, world: WorldView) -> WorldView:
-        if kind_of(world) not in self.worlds and len(world.discs_xyr_m):
+    def _usable_view(self, world: WorldView) -> WorldView:
+        if kind_of(world) not in info(self.name).worlds and len(world.discs_xyr_m):
             # The view's discs cover the same obstacles as its cells, slightly enlarged.
             return replace(world, distance_m=np.zeros((0, 0), np.float32))
         return world
@@ -68,7 +61,7 @@ class Reference(RolloutPlanner):
     ) -> Callable[[Problem, int], Rollout]:
         def solve(p: Problem, attempt: int) -> Rollout:
             before = int(p.trials[0])
-            found = self.route(world, p, rng) if kind_of(world) in self.worlds else None
+            found = self.route(world, p, rng) if kind_of(world) in info(self.name).worlds else None
             straight = np.array([[p.start_x, p.start_y], [p.goal_x, p.goal_y]])
             return Rollout(straight if found is None else found, True, int(p.trials[0]) - before)
 
