@@ -16,10 +16,11 @@ import numpy as np
 from numba import njit
 
 from simloop.config import SmootherConfig, VehicleConfig
-from simloop.geometry.distance_field import Field, field_of, footprint_clearance
+from simloop.geometry.distance_field import Field, distance_at, field_of, footprint_clearance
 from simloop.geometry.se2 import wrap_angle
 from simloop.messages import FloatArray, Plan, SmoothPath, WorldView
 from simloop.navigation.elastic_band import make_room
+from simloop.planners.problem.clearance import SAFE_WITHIN_M, START_GROWTH
 
 _C2 = 0.4 * (math.sqrt(6.0) - 1.0)
 _C3 = (_C2 + 4.0) / (7.2364 + 6.0)
@@ -169,6 +170,45 @@ def path_clearance(samples: FloatArray, field: Field, offsets: FloatArray) -> Fl
     return out
 
 
+@njit(cache=True)
+def keeps_distance(
+    samples: FloatArray,
+    arc: FloatArray,
+    field: Field,
+    offsets: FloatArray,
+    enough: float,
+    start_lack: float,
+) -> bool:
+    """Tell whether a path keeps a distance from obstacles, by the planner's own rule.
+
+    Near a start that is too close to something, less is asked for: see `make_problem`. What the
+    footprint covers behind the start is not judged, because the robot stands there already.
+
+    Args:
+        samples: (k, 3 or more) x, y, yaw along the path, in map, m, m, rad.
+        arc: (k,) length of the path up to each sample, m.
+        field: The distance field.
+        offsets: (n,) where the footprint's discs lie along the heading, m.
+        enough: Distance of the discs' centres that is asked for, m.
+        start_lack: By how much the start itself falls short of it, m.
+
+    Returns:
+        Whether every disc keeps the distance at every sample.
+    """
+    overhang = offsets.max()
+    for i in range(samples.shape[0]):
+        cos, sin = math.cos(samples[i, 2]), math.sin(samples[i, 2])
+        for k in range(offsets.shape[0]):
+            if arc[i] + offsets[k] < 0.0:
+                continue
+            x, y = samples[i, 0] + offsets[k] * cos, samples[i, 1] + offsets[k] * sin
+            away = math.hypot(x - samples[0, 0], y - samples[0, 1]) - overhang
+            allowed = max(0.0, start_lack - START_GROWTH * max(0.0, away))
+            if distance_at(field, x, y) + allowed < enough:
+                return False
+    return True
+
+
 class Smoother:
     """Turns plans into paths that the tracker can follow, at each plan's own safe distance."""
 
@@ -195,13 +235,13 @@ class Smoother:
         points, straight = self._with_room(plan.waypoints_m, field, safe)
         turn = wrap_angle(straight[0, 2] - pose[2])
         if abs(turn) < _STRAIGHT_RAD or abs(turn) > self._config.lead_in_max_turn_rad:
-            return self._message(plan, straight, field)
+            return self._message(plan, straight, field, pose)
         enough = min(safe, float(path_clearance(straight, field, self._offsets).min()))
         for fraction in _LEAD_FRACTIONS:
             led = self._path(self._with_lead_in(points, pose, fraction), field, safe)
             if path_clearance(led, field, self._offsets).min() >= enough:
-                return self._message(plan, led, field)
-        return self._message(plan, straight, field)
+                return self._message(plan, led, field, pose)
+        return self._message(plan, straight, field, pose)
 
     def _with_room(
         self, waypoints: FloatArray, field: Field, safe: float
@@ -247,16 +287,23 @@ class Smoother:
         )
         return sample_path(points, cuts, config.spacing_m)
 
-    def _message(self, plan: Plan, samples: FloatArray, field: Field) -> SmoothPath:
-        """The message about a sampled path (k, 4)."""
-        clearance = path_clearance(samples, field, self._offsets)
+    def _message(
+        self, plan: Plan, samples: FloatArray, field: Field, pose: FloatArray
+    ) -> SmoothPath:
+        """The message about a sampled path (k, 4) of a robot that stands at a pose (3,)."""
         steps = np.hypot(np.diff(samples[:, 0]), np.diff(samples[:, 1]))
+        arc = np.concatenate(([0.0], np.cumsum(steps)))
+        # What the planner asks of a start: the robot's middle and its front as it stands.
+        not_behind = self._offsets[self._offsets >= 0.0]
+        here = footprint_clearance(field, samples[0, 0], samples[0, 1], pose[2], not_behind)
+        lack = max(0.0, plan.safe_distance_m - here)
+        enough = plan.safe_distance_m - SAFE_WITHIN_M
         return SmoothPath(
             t_ns=plan.t_ns,
             xy_m=samples[:, :2].copy(),
             yaw_rad=np.unwrap(samples[:, 2]),
             curvature_1pm=samples[:, 3].copy(),
-            arc_m=np.concatenate(([0.0], np.cumsum(steps))),
-            clearance_m=clearance,
-            safe=bool(clearance.min() >= plan.safe_distance_m - 1e-3),
+            arc_m=arc,
+            clearance_m=path_clearance(samples, field, self._offsets),
+            safe=keeps_distance(samples, arc, field, self._offsets, enough, lack),
         )
