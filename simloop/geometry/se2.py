@@ -62,13 +62,6 @@ def interpolate_xyt(
     )
 
 
-@njit(cache=True)
-def transform_xy(x: float, y: float, yaw: float, px: float, py: float) -> tuple[float, float]:
-    """The point p of frame b in frame a, with (x, y, yaw) = a_from_b."""
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    return x + cos * px - sin * py, y + sin * px + cos * py
-
-
 def compose(a_from_b: FloatArray, b_from_c: FloatArray) -> FloatArray:
     """a_from_c, (3,)."""
     return np.array(compose_xyt(*a_from_b.tolist(), *b_from_c.tolist()))
@@ -82,13 +75,6 @@ def inverse(a_from_b: FloatArray) -> FloatArray:
 def between(w_from_a: FloatArray, w_from_b: FloatArray) -> FloatArray:
     """a_from_b, (3,): where b stands as seen from a."""
     return compose(inverse(w_from_a), w_from_b)
-
-
-def interpolate(start: FloatArray, end: FloatArray, fraction: float) -> FloatArray:
-    """The pose (3,) at ``fraction`` from ``start`` to ``end``, the short way in yaw."""
-    ax, ay, at = start.tolist()
-    bx, by, bt = end.tolist()
-    return np.array(interpolate_xyt(ax, ay, at, bx, by, bt, fraction))
 
 
 def transform_points(a_from_b: FloatArray, points: FloatArray) -> FloatArray:

@@ -31,6 +31,14 @@ class AvoaOptions:
 
 
 @njit(cache=True)
+def _levy_sigma() -> float:
+    """Width of the Gaussian in Mantegna's Levy flight, Eq. 18."""
+    sigma = math.gamma(1.0 + _LEVY) * math.sin(0.5 * math.pi * _LEVY)
+    sigma /= math.gamma(0.5 * (1.0 + _LEVY)) * _LEVY * 2.0 ** (0.5 * (_LEVY - 1.0))
+    return float(sigma ** (1.0 / _LEVY))
+
+
+@njit(cache=True)
 def soar(
     x: FloatArray,
     candidate: FloatArray,
@@ -47,9 +55,7 @@ def soar(
 ) -> None:
     """One move of all vultures. best: (2, d) the two best; hunger: what multiplies z in Eq. 4."""
     n, d = x.shape
-    sigma = math.gamma(1.0 + _LEVY) * math.sin(0.5 * math.pi * _LEVY)
-    sigma /= math.gamma(0.5 * (1.0 + _LEVY)) * _LEVY * 2.0 ** (0.5 * (_LEVY - 1.0))
-    sigma = sigma ** (1.0 / _LEVY)
+    sigma = _levy_sigma()
     for k in range(n):
         f = hunger * (2.0 * uniform(state) - 1.0)
         r = best[0] if uniform(state) < first else best[1]
@@ -58,18 +64,18 @@ def soar(
             here = x[k, j]
             apart = abs(r[j] - here)
             around = abs(2.0 * b * r[j] - here)
-            if abs(f) >= 1.0:
+            if abs(f) >= 1.0:  # sated vultures explore
                 if a < p1:
                     y = r[j] - around * f
                 else:
                     y = r[j] - f + b * ((high[j] - low[j]) * c + low[j])
-            elif abs(f) >= 0.5:
+            elif abs(f) >= 0.5:  # exploitation, first phase: siege or rotating flight
                 if a < p3:
                     y = around * (f + c) - (r[j] - here)
                 else:
                     turn = r[j] * here / (2.0 * math.pi)
                     y = r[j] - turn * (b * math.cos(here) + c * math.sin(here))
-            elif a < p2:
+            elif a < p2:  # exploitation, second phase: about both of the best, or a Levy flight
                 y = 0.0
                 for i in range(2):
                     v = best[i, j]

@@ -84,55 +84,83 @@ def make_problem(
     front as it stands) is closer than ``safe_m`` to something, the clearance asked for begins
     at what the start has and grows by `START_GROWTH` a metre, so that the robot can leave.
     """
-    field = np.ascontiguousarray(world.distance_m, dtype=np.float32)
-    discs = np.asarray(world.discs_xyr_m, dtype=np.float64).reshape(-1, 3)
-    # A copy, so that the kernels always see a writable array: another type, else.
-    rows = np.zeros((3, 0)) if field.size else discs.T.copy(order="C")
-    corners = flatten_polygons(() if field.size else world.polygons_m)
+    problem = _problem_in(world, safe_m)._replace(
+        start_x=float(start[0]),
+        start_y=float(start[1]),
+        start_yaw=float(start[2]),
+        goal_x=float(goal[0]),
+        goal_y=float(goal[1]),
+        overhang_m=float(overhang_m),
+        length_weight=float(length_weight),
+        turning_weight=float(turning_weight),
+        start_turn_weight=float(start_turn_weight),
+        penalty=float(penalty),
+    )
+    return problem._replace(start_slack=_lack_at_start(problem))
+
+
+def _problem_in(world: WorldView, safe_m: float) -> Problem:
+    """A problem with the obstacles and bounds of a view; its ends and weights are yet to be set."""
+    discs, corners, field = _obstacles(world)
     resolution = world.resolution_m if field.size else 1.0
     overstated = 0.0
     if field.size:
         # Bilinear interpolation overstates the distance to a corner by up to h^2 / (8 d).
         overstated = resolution**2 / (8.0 * safe_m)
         safe_m += max(0.0, overstated - 0.9 * SAFE_WITHIN_M)
-    bounds = [float(b) for b in world.bounds_m]
-    problem = Problem(
-        discs=rows,
+    low_x, low_y, high_x, high_y = (float(bound) for bound in world.bounds_m)
+    return Problem(
+        discs=discs,
         corners=corners,
         field=field,
         field_x=float(world.origin_m[0]) + 0.5 * resolution,
         field_y=float(world.origin_m[1]) + 0.5 * resolution,
         per_m=1.0 / resolution,
-        low_x=bounds[0],
-        low_y=bounds[1],
-        high_x=bounds[2],
-        high_y=bounds[3],
-        start_x=float(start[0]),
-        start_y=float(start[1]),
-        start_yaw=float(start[2]),
-        goal_x=float(goal[0]),
-        goal_y=float(goal[1]),
+        low_x=low_x,
+        low_y=low_y,
+        high_x=high_x,
+        high_y=high_y,
+        start_x=0.0,
+        start_y=0.0,
+        start_yaw=0.0,
+        goal_x=0.0,
+        goal_y=0.0,
         start_slack=0.0,
         safe_m=float(safe_m),
         tolerance_m=TOLERANCE_M,
         overstated_m=overstated,
-        overhang_m=float(overhang_m),
-        length_weight=float(length_weight),
-        turning_weight=float(turning_weight),
-        start_turn_weight=float(start_turn_weight),
-        penalty=float(penalty),
+        overhang_m=0.0,
+        length_weight=0.0,
+        turning_weight=0.0,
+        start_turn_weight=0.0,
+        penalty=0.0,
         trials=np.zeros(1, np.int64),
     )
-    ahead_x = problem.start_x + overhang_m * math.cos(problem.start_yaw)
-    ahead_y = problem.start_y + overhang_m * math.sin(problem.start_yaw)
+
+
+def _obstacles(world: WorldView) -> tuple[FloatArray, FloatArray, NDArray[np.float32]]:
+    """Discs (3, K), polygons' corners (N, 3) and field; only the field if there is one."""
+    field = np.ascontiguousarray(world.distance_m, dtype=np.float32)
+    if field.size:
+        return np.zeros((3, 0)), flatten_polygons(()), field
+    discs = np.asarray(world.discs_xyr_m, dtype=np.float64).reshape(-1, 3)
+    # A copy is always writable. Kernels would be compiled a second time for read-only arrays.
+    return discs.T.copy(order="C"), flatten_polygons(world.polygons_m), field
+
+
+def _lack_at_start(p: Problem) -> float:
+    """How much of the safe distance the robot lacks where it stands, m; 0 if it lacks nothing."""
     here = min(
-        point_clearance(problem, problem.start_x, problem.start_y),
-        point_clearance(problem, ahead_x, ahead_y),
+        point_clearance(p, p.start_x, p.start_y),
+        point_clearance(
+            p,
+            p.start_x + p.overhang_m * math.cos(p.start_yaw),
+            p.start_y + p.overhang_m * math.sin(p.start_yaw),
+        ),
     )
-    # A hair more than the start lacks, so that rounding (and the pieces in which discs are looked
-    # at) does not make the start itself unsafe.
-    slack = safe_m - here + 1e-6 + START_GROWTH * _PIECE_M if here < safe_m else 0.0
-    return problem._replace(start_slack=slack)
+    # A hair more than the start lacks, so that rounding, and the pieces in which segments among
+    # discs are judged, do not make the start itself unsafe.
+    return p.safe_m - here + 1e-6 + START_GROWTH * _PIECE_M if here < p.safe_m else 0.0
 
 
 @njit(cache=True, forceinline=True)

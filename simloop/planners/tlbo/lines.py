@@ -74,6 +74,15 @@ def make_lines() -> Lines:
     )
 
 
+@njit(cache=True, forceinline=True)
+def _turned(x: float, y: float, angle: float) -> tuple[float, float]:
+    """A vector turned by a small angle: cosine and sine to 1e-8, far quicker than the library's."""
+    a = angle * angle
+    c = 1.0 - 0.5 * a * (1.0 - a / 12.0 * (1.0 - a / 30.0))
+    s = angle * (1.0 - a / 6.0 * (1.0 - a / 20.0 * (1.0 - a / 42.0)))
+    return c * x - s * y, s * x + c * y
+
+
 @njit(cache=True)
 def decode(
     p: Problem, lines: Lines, subject: FloatArray, free: int, m: int, path: FloatArray
@@ -95,22 +104,18 @@ def decode(
             shift += subject[at, 1]
             if abs(swung) > _MOST_SWUNG_RAD:
                 return -1.0
-            # Cosine and sine to 1e-8, far quicker than the library's.
-            a = swung * swung
-            c = 1.0 - 0.5 * a * (1.0 - a / 12.0 * (1.0 - a / 30.0))
-            s = swung * (1.0 - a / 6.0 * (1.0 - a / 20.0 * (1.0 - a / 42.0)))
-            vx, vy = c * vx - s * vy, s * vx + c * vy
+            vx, vy = _turned(vx, vy, swung)
             at += 1
         wx = lines.centre[i, 0] + shift * vy
         wy = lines.centre[i, 1] - shift * vx
-        if i > 0:
+        if i > 0:  # the waypoint is where this line meets the one before
             turning += abs(lines.turn[i] + swung - swung_before)
             cross = ux * vy - uy * vx
             if abs(cross) < _LEAST_CROSS:
                 return -1.0
             t = ((wx - qx) * vy - (wy - qy) * vx) / cross
             x, y = qx + t * ux, qy + t * uy
-            # Written so that a NaN is refused, too.
+            # Written so that a NaN is refused as well.
             if not (p.low_x <= x <= p.high_x and p.low_y <= y <= p.high_y):
                 return -1.0
             if (
@@ -118,6 +123,7 @@ def decode(
                 and abs(x - lines.point[i, 0]) + abs(y - lines.point[i, 1]) > CORRIDOR_M
             ):
                 return -1.0
+            # The lines have to meet in their order.
             if (x - path[i - 1, 0]) * ux + (y - path[i - 1, 1]) * uy < 0.0:
                 return -1.0
             path[i, 0], path[i, 1] = x, y

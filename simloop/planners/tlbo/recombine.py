@@ -44,6 +44,16 @@ def _gather(p: Problem, routes: FloatArray, counts: IntArray, found: int, nodes:
 
 
 @njit(cache=True)
+def _distances(nodes: FloatArray, n: int) -> FloatArray:
+    """(n, n) distance between any two of the first n nodes."""
+    apart = np.empty((n, n))
+    for u in range(n):
+        for v in range(n):
+            apart[u, v] = math.hypot(nodes[u, 0] - nodes[v, 0], nodes[u, 1] - nodes[v, 1])
+    return apart
+
+
+@njit(cache=True)
 def recombine(
     p: Problem,
     routes: FloatArray,
@@ -59,15 +69,12 @@ def recombine(
     """
     nodes = np.empty((_MOST_NODES, 2))
     n = _gather(p, routes, counts, found, nodes)
-    apart = np.empty((n, n))
-    for u in range(n):
-        for v in range(n):
-            apart[u, v] = math.hypot(nodes[u, 0] - nodes[v, 0], nodes[u, 1] - nodes[v, 1])
+    apart = _distances(nodes, n)
     sight = np.zeros((n, n), np.uint8)
     best = np.full(n * n, np.inf)
     parent = np.full(n * n, -1, np.int32)
     done = np.zeros(n * n, np.bool_)
-    # State u * n + v stands for the segment u -> v; 0 (start -> start) begins.
+    # State u * n + v stands for the segment u -> v; the search begins at 0 (start -> start).
     best[0] = 0.0
     queue = [(p.length_weight * apart[0, 1], 0)]
     while len(queue) > 0:
@@ -93,6 +100,7 @@ def recombine(
                 cost += p.turning_weight * abs(math.atan2(ux * wy - uy * wx, ux * wx + uy * wy))
             if cost + onward >= bound or cost >= best[v * n + w]:
                 continue
+            # Whether v sees w is the dear question, so it is asked last and only once.
             if sight[v, w] == _UNKNOWN:
                 clear = is_clear(p, nodes[v], nodes[w], stack)
                 sight[v, w] = _CLEAR if clear else _BLOCKED

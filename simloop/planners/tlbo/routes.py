@@ -8,7 +8,7 @@ side of each obstacle it passes; the shortest few signatures become routes, pull
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -123,6 +123,14 @@ def _ray_codes(lattice: Lattice) -> NDArray[np.int64]:
     return code
 
 
+@njit(cache=True, forceinline=True)
+def _crossed(code: NDArray[np.int64], ux: int, uy: int, vx: int, vy: int) -> Any:
+    """What a step from node u to its neighbour v adds to the signature."""
+    if vx > ux:
+        return code[uy, ux]
+    return -code[vy, vx] if vx < ux else np.int64(0)
+
+
 @njit(cache=True)
 def _wave(
     lattice: Lattice,
@@ -165,34 +173,23 @@ def _wave(
         if u == target and onward.size == 0:
             far = min(far, int(now * _STRETCH) + 10 * _STRAIGHT)
         uy, ux = u // nx, u % nx
-        for dy in range(-1, 2):
-            vy = uy + dy
-            if vy < 0 or vy >= ny:
+        for k in range(9):  # the eight neighbours; 4 is the node itself
+            vy, vx = uy + k // 3 - 1, ux + k % 3 - 1
+            if k == 4 or vy < 0 or vy >= ny or vx < 0 or vx >= nx:
                 continue
-            for dx in range(-1, 2):
-                vx = ux + dx
-                if vx < 0 or vx >= nx or (dx == 0 and dy == 0):
-                    continue
-                v = vy * nx + vx
-                step = _STRAIGHT if dx == 0 or dy == 0 else _DIAGONAL
-                reach = now + step * max(weight[uy, ux], weight[vy, vx])
-                if reach >= distance[v]:
-                    continue
-                if onward.size > 0 and reach + onward[v] > far:
-                    continue
-                distance[v] = reach
-                parent[v] = u
-                turn = np.int64(0)
-                if dx == 1:
-                    turn = code[uy, ux]
-                elif dx == -1:
-                    turn = -code[vy, vx]
-                signature[v] = signature[u] + turn
-                entry_node[entries] = v
-                entry_next[entries] = head[reach % buckets]
-                head[reach % buckets] = entries
-                entries += 1
-                live += 1
+            v = vy * nx + vx
+            step = _DIAGONAL if k % 2 == 0 else _STRAIGHT
+            reach = now + step * max(weight[uy, ux], weight[vy, vx])
+            if reach >= distance[v] or (onward.size > 0 and reach + onward[v] > far):
+                continue
+            distance[v] = reach
+            parent[v] = u
+            signature[v] = signature[u] + _crossed(code, ux, uy, vx, vy)
+            entry_node[entries] = v
+            entry_next[entries] = head[reach % buckets]
+            head[reach % buckets] = entries
+            entries += 1
+            live += 1
     return distance, parent, signature, far
 
 
@@ -287,6 +284,15 @@ def _lift(p: Problem, step: float, chain: FloatArray, n: int) -> None:
 
 
 @njit(cache=True)
+def _node_at(lattice: Lattice, x: float, y: float) -> int:
+    """Number of the node nearest to a point."""
+    ny, nx = lattice.weight.shape
+    ix = min(max(int((x - lattice.low_x) / lattice.step + 0.5), 0), nx - 1)
+    iy = min(max(int((y - lattice.low_y) / lattice.step + 0.5), 0), ny - 1)
+    return iy * nx + ix
+
+
+@njit(cache=True)
 def find_routes(
     p: Problem,
     most_nodes: int,
@@ -304,20 +310,17 @@ def find_routes(
     lattice = make_lattice(p, most_nodes, solid)
     ny, nx = lattice.weight.shape
     code = _ray_codes(lattice)
-    ends = np.empty(2, np.int32)
-    for k in range(2):
-        x = p.start_x if k == 0 else p.goal_x
-        y = p.start_y if k == 0 else p.goal_y
-        ix = min(max(int((x - lattice.low_x) / lattice.step + 0.5), 0), nx - 1)
-        iy = min(max(int((y - lattice.low_y) / lattice.step + 0.5), 0), ny - 1)
-        ends[k] = iy * nx + ix
+    start = _node_at(lattice, p.start_x, p.start_y)
+    goal = _node_at(lattice, p.goal_x, p.goal_y)
+    # A wave from the goal bounds the search; the one from the start looks no farther.
     nothing = np.empty(0, np.int32)
-    ahead, to_goal, code_ahead, far = _wave(lattice, code, ends[1], ends[0], nothing, _FAR - 1)
-    behind, from_start, code_behind, _ = _wave(lattice, code, ends[0], ends[1], ahead, far)
+    ahead, to_goal, code_ahead, far = _wave(lattice, code, goal, start, nothing, _FAR - 1)
+    behind, from_start, code_behind, _ = _wave(lattice, code, start, goal, ahead, far)
     vias = _shortest_classes(ahead, behind, code_ahead, code_behind, far, counts.size)
     chain = np.empty((2 * nx * ny + 2, 2))
     scratch = np.empty((2, MAX_POINTS, 2))
     best = np.inf
+    # Each class of ways becomes one route: off the obstacles, taut, its bends split.
     for k in range(vias.size):
         n = _chain(lattice, p, vias[k], from_start, to_goal, chain)
         _lift(p, lattice.step, chain, n)
