@@ -1,11 +1,11 @@
-"""The smoother: a polyline's corners become pairs of cubic Bezier spirals.
+"""The smoother: the corners of a polyline become pairs of cubic Bezier spirals.
 
-Each corner is cut over a distance d along both its sides by two cubics that meet with equal
-tangent and curvature and join the straights with none (Yang & Sukkarieh 2010, IEEE T-RO 26(3),
-Eqs. 6-9), so that the path's curvature is continuous. The curve stays inside the corner's
-triangle and its sharpest curvature is c4 sin(b) / (d cos(b)^2), b half the turn: the larger d,
-the gentler. d starts as large as the sides allow and shrinks until the three-disc footprint
-keeps its clearance along the whole curve: clearance is never traded for smoothness.
+Each corner is cut over a distance d along both its sides by two cubics (Yang & Sukkarieh 2010,
+IEEE T-RO 26(3), Eqs. 6-9). They meet with equal tangent and curvature and join the straight parts
+with no curvature, so the curvature of the path is continuous. The curve stays inside the corner's
+triangle. Its sharpest curvature is c4 sin(b) / (d cos(b)^2), b half the turn: the larger d, the
+gentler the curve. d starts as large as the sides allow and shrinks until the discs of the
+footprint keep their clearance along the whole curve. Clearance is never given up for smoothness.
 """
 
 from __future__ import annotations
@@ -33,9 +33,16 @@ _LEAD_FRACTIONS = (1.0, 0.6, 0.3)
 
 @njit(cache=True)
 def corner_controls(a: FloatArray, corner: FloatArray, b: FloatArray, d: float) -> FloatArray:
-    """(8, 2) control points of the two cubics that cut ``corner`` between a and b, all (2,).
+    """Return the control points of the two cubics that cut a corner.
 
-    Rows 0-3 lead in, rows 4-7 lead out, in the direction of travel.
+    Args:
+        a: (2,) a point on the side that leads to the corner, m.
+        corner: (2,) the corner, m.
+        b: (2,) a point on the side that leads away from it, m.
+        d: How much of each side is cut off, m.
+
+    Returns:
+        (8, 2) control points in the direction of travel, m: rows 0-3 lead in, rows 4-7 lead out.
     """
     back, ahead = a - corner, b - corner
     back /= math.hypot(back[0], back[1])
@@ -57,7 +64,13 @@ def corner_controls(a: FloatArray, corner: FloatArray, b: FloatArray, d: float) 
 
 @njit(cache=True)
 def cubic_sample(p: FloatArray, t: float, out: FloatArray) -> None:
-    """Write x, y, yaw, curvature (4,) of the cubic with control points p (4, 2) at t in [0, 1]."""
+    """Sample a cubic Bezier curve: place, heading and curvature.
+
+    Args:
+        p: (4, 2) control points, m.
+        t: Parameter, 0 to 1.
+        out: (4,) or longer; takes x, y, yaw, curvature, m, m, rad, 1/m.
+    """
     s = 1.0 - t
     first, second = np.empty(2), np.empty(2)
     for i in range(2):
@@ -77,6 +90,7 @@ def cubic_sample(p: FloatArray, t: float, out: FloatArray) -> None:
 
 @njit(cache=True)
 def _corner_clearance(controls: FloatArray, field: Field, offsets: FloatArray) -> float:
+    """Least footprint clearance along both cubics of a corner, m."""
     least, sample, n = 1e3, np.empty(4), 16
     for half in range(2):
         for step in range(n + 1):
@@ -96,11 +110,22 @@ def fit_corners(
     most: float,
     least: float,
 ) -> FloatArray:
-    """(n,) how far each corner of a polyline (n, 2) is cut, m; 0 where it is all but straight.
+    """Choose how far each corner of a polyline is cut.
 
-    preferred: clearance, m, that a gentle cut keeps; safe: that any cut keeps; where even the
-    tightest cut (``least``, m) cannot, it stays: there the robot all but turns on the spot, along
-    the polyline that the planner answers for.
+    Where even the tightest cut keeps too little clearance it is taken all the same. The robot then
+    all but turns on the spot, along the polyline that the planner has judged.
+
+    Args:
+        points: (n, 2) the polyline, in map, m.
+        field: The distance field.
+        offsets: (k,) where the footprint's discs lie along the heading, m.
+        safe: Clearance that every cut keeps, m.
+        preferred: Clearance that a gentle cut keeps, m.
+        most: Deepest cut, m.
+        least: Tightest cut, m.
+
+    Returns:
+        (n,) the cuts, m; 0 where the polyline is all but straight.
     """
     n = points.shape[0]
     cuts = np.zeros(n)
@@ -126,7 +151,16 @@ def fit_corners(
 
 @njit(cache=True)
 def sample_path(points: FloatArray, cuts: FloatArray, spacing: float) -> FloatArray:
-    """(k, 4) x, y, yaw, curvature along the polyline ``points`` (n, 2) with its corners cut."""
+    """Sample a polyline whose corners are cut.
+
+    Args:
+        points: (n, 2) the polyline, in map, m.
+        cuts: (n,) how far each corner is cut, m; 0 leaves it as it is.
+        spacing: Distance of the samples at most, m.
+
+    Returns:
+        (k, 4) x, y, yaw, curvature along the path, m, m, rad, 1/m.
+    """
     rows = [np.empty(4) for _ in range(0)]
     at = points[0].copy()
     n = points.shape[0]
@@ -163,7 +197,16 @@ def sample_path(points: FloatArray, cuts: FloatArray, spacing: float) -> FloatAr
 
 @njit(cache=True)
 def path_clearance(samples: FloatArray, field: Field, offsets: FloatArray) -> FloatArray:
-    """(k,) footprint clearance, m, at each sample (k, 3 or more): x, y, yaw."""
+    """Return the footprint's clearance at each sample of a path.
+
+    Args:
+        samples: (k, 3 or more) x, y, yaw, in map, m, m, rad.
+        field: The distance field.
+        offsets: (n,) where the footprint's discs lie along the heading, m.
+
+    Returns:
+        (k,) least distance of any disc's centre to an obstacle, m.
+    """
     out = np.empty(samples.shape[0])
     for i in range(samples.shape[0]):
         out[i] = footprint_clearance(field, samples[i, 0], samples[i, 1], samples[i, 2], offsets)
