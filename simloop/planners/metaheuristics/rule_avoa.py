@@ -1,5 +1,7 @@
-"""African vultures optimisation (Abdollahzadeh, Gharehchopogh, Mirjalili 2021), whose print in
-Abed 2022 is garbled: Eqs. 1-18 of the original are taken."""
+"""African vultures optimisation (Abdollahzadeh, Gharehchopogh, Mirjalili 2021).
+
+Its print in Abed 2022 is garbled, so Eqs. 1-18 of the original are used.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +21,16 @@ _TINY = 1e-15
 
 @dataclass(frozen=True, slots=True)
 class AvoaOptions:
-    """p1, p2, p3: chances of the first way of each phase; first: chance to follow the best vulture
-    and not the second (L1); gamma (w): how early exploration ends; levy_step of the flight."""
+    """Parameters of the vultures.
+
+    Attributes:
+        p1: Chance of the first way of exploring.
+        p2: Chance of the first way of the second phase of exploitation.
+        p3: Chance of the first way of the first phase of exploitation.
+        first: Chance to follow the best vulture and not the second (L1).
+        gamma: How early exploration ends (w).
+        levy_step: Step of the Levy flight.
+    """
 
     p1: float = 0.6
     p2: float = 0.4
@@ -53,7 +63,22 @@ def soar(
     levy_step: float,
     state: State,
 ) -> None:
-    """One move of all vultures. best: (2, d) the two best; hunger: what multiplies z in Eq. 4."""
+    """Move all vultures once.
+
+    Args:
+        x: (n, d) the vultures.
+        candidate: (n, d) takes where they go.
+        best: (2, d) the two best.
+        low: (d,) least value of each coordinate.
+        high: (d,) greatest value of each coordinate.
+        hunger: What multiplies z in Eq. 4.
+        p1: See `AvoaOptions`.
+        p2: See `AvoaOptions`.
+        p3: See `AvoaOptions`.
+        first: See `AvoaOptions`.
+        levy_step: See `AvoaOptions`.
+        state: (1,) of the random generator.
+    """
     n, d = x.shape
     sigma = _levy_sigma()
     for k in range(n):
@@ -87,19 +112,24 @@ def soar(
 
 
 class AfricanVultures(Rule):
-    """Every vulture moves whether that is better or not; the two best ever seen lead."""
+    """Every vulture moves, whether that is better or not; the two best ever seen lead."""
 
     name = "avoa"
     Options = AvoaOptions
     scheduled = True
 
     def begin(self, population: Population) -> None:
+        """Remember the two best of the first population.
+
+        Args:
+            population: The population.
+        """
         self._best_x = np.zeros((2, population.x.shape[1]))
         self._best_cost = np.full(2, np.inf)
         self._remember(population)
 
     def _remember(self, p: Population) -> None:
-        """Keep the two best positions seen, different ones."""
+        """Keep the two best positions ever seen, two different ones."""
         for k in np.argsort(p.cost, kind="mergesort")[:2]:
             if p.cost[k] < self._best_cost[0]:
                 self._best_x[1], self._best_cost[1] = self._best_x[0], self._best_cost[0]
@@ -110,6 +140,11 @@ class AfricanVultures(Rule):
             self._best_x[1] = self._best_x[0]
 
     def generation(self, population: Population) -> None:
+        """Make one generation, Eqs. 3 and 4 for the hunger.
+
+        Args:
+            population: The population; changed.
+        """
         p, o = population, self.options
         quarter = 0.5 * math.pi * p.progress
         h = 4.0 * uniform(p.state) - 2.0

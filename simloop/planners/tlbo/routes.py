@@ -1,8 +1,9 @@
-"""Rough routes of different homotopy, to seed a planner's first class.
+"""Rough routes of different homotopy, from which a planner's first class begins.
 
-A wave from the goal and one from the start cross a coarse lattice over discs or field alike. The
-way start -> v -> goal through a node v has a known length and a signature that tells on which
-side of each obstacle it passes; the shortest few signatures become routes, pulled taut.
+A wave from the goal and one from the start cross a coarse lattice, over discs and field alike. The
+way start -> v -> goal through a node v has a known length, and a signature that tells on which
+side of each obstacle it passes. The ways of the shortest few signatures become routes and are
+pulled taut.
 """
 
 from __future__ import annotations
@@ -31,7 +32,14 @@ IntArray = NDArray[np.int32]
 
 
 class Lattice(NamedTuple):
-    """Nodes at low + (ix, iy) * step. weight: (ny, nx) cost factor of a node."""
+    """Nodes at low + (ix, iy) * step.
+
+    Attributes:
+        low_x: x of node (0, 0), in map, m.
+        low_y: y of node (0, 0), in map, m.
+        step: Distance of two nodes, m.
+        weight: (ny, nx) factor of what a step at a node costs.
+    """
 
     low_x: float
     low_y: float
@@ -41,10 +49,17 @@ class Lattice(NamedTuple):
 
 @njit(cache=True)
 def make_lattice(p: Problem, most_nodes: int, solid: bool = False) -> Lattice:
-    """Cover the waypoints' box (and both ends) with about ``most_nodes`` nodes at most.
+    """Cover the waypoints' box and both ends with nodes.
 
-    solid: what is blocked costs so much that the longest way round is cheaper. Else a gap that the
-    nodes miss may be crossed where the way round is long, and so may a thin wall.
+    Args:
+        p: The problem.
+        most_nodes: About how many nodes at most.
+        solid: Whether blocked nodes cost so much that the longest way round is cheaper. Otherwise a
+            gap that the nodes miss may be crossed where the way round is long, and so may a thin
+            wall.
+
+    Returns:
+        The lattice.
     """
     blocked = _SOLID if solid else _BLOCKED
     low_x = min(p.low_x, p.start_x, p.goal_x)
@@ -71,6 +86,7 @@ def make_lattice(p: Problem, most_nodes: int, solid: bool = False) -> Lattice:
 def _draw_disc(
     p: Problem, weight: IntArray, k: int, low_x: float, low_y: float, step: float, blocked: int
 ) -> None:
+    """Raise the weights of the nodes within the safe distance of disc k."""
     ny, nx = weight.shape
     reach = p.discs[2, k] + p.safe_m
     cx = (p.discs[0, k] - low_x) / step
@@ -89,8 +105,8 @@ def _draw_disc(
 def _ray_codes(lattice: Lattice) -> NDArray[np.int64]:
     """(ny, nx) code added when a step goes from column ix to ix + 1 at (or from) row iy.
 
-    Each connected blocked region sends a ray down from its lowest node, between two columns; a
-    step across it adds the region's random number, modulo 2^64.
+    Each connected blocked region sends a ray down from its lowest node, between two columns. A step
+    across the ray adds the region's random number, modulo 2^64.
     """
     weight = lattice.weight
     ny, nx = weight.shape
@@ -140,8 +156,9 @@ def _wave(
     onward: IntArray,
     far: int,
 ) -> tuple[IntArray, IntArray, NDArray[np.int64], int]:
-    """Dijkstra by buckets from ``source``: distance, parent, signature of each node, and the
-    limit beyond which it did not look.
+    """Dijkstra by buckets: distance, parent and signature of each node from ``source``.
+
+    The last value returned is the limit beyond which it did not search.
 
     onward: distance that remains to the target, known from the other wave (empty on the first).
     """
@@ -258,9 +275,10 @@ def _chain(
 
 @njit(cache=True)
 def _lift(p: Problem, step: float, chain: FloatArray, n: int) -> None:
-    """Move each point of a chain that has too little clearance up its gradient.
+    """Move each point of a chain that has too little clearance up the gradient of the clearance.
 
-    A little more than enough, for a segment between two points about a corner cuts it.
+    A little more than enough is asked for, because a segment between two points about a corner cuts
+    the corner.
     """
     wanted = p.safe_m + min(step * step / (3.0 * p.safe_m), 0.3 * step)
     h = 0.25 * step
@@ -303,9 +321,20 @@ def find_routes(
     stack: FloatArray,
     solid: bool = False,
 ) -> int:
-    """Fill routes (K, MAX_POINTS, 2), counts (K,), costs (K,), the cheapest first. How many.
+    """Find the shortest route of each of the shortest homotopy classes.
 
-    The cost is J of the route with its bends split, see `settle`. solid: see `make_lattice`.
+    Args:
+        p: The problem.
+        most_nodes: About how many nodes the lattice has at most.
+        sweeps: See `settle`.
+        routes: (K, MAX_POINTS, 2) takes the routes, the cheapest first, m.
+        counts: (K,) takes how many points each has.
+        costs: (K,) takes J of each with its bends split, see `settle`.
+        stack: Scratch.
+        solid: See `make_lattice`.
+
+    Returns:
+        How many routes were found.
     """
     lattice = make_lattice(p, most_nodes, solid)
     ny, nx = lattice.weight.shape
@@ -335,6 +364,14 @@ def find_routes(
 
 @njit(cache=True)
 def sort_routes(routes: FloatArray, counts: IntArray, costs: FloatArray, n: int) -> None:
+    """Sort routes by their cost, in place. It sorts by insertion, as there are a handful.
+
+    Args:
+        routes: (>= n, MAX_POINTS, 2) the routes.
+        counts: (>= n,) how many points each has.
+        costs: (>= n,) what each costs.
+        n: How many routes there are.
+    """
     for i in range(1, n):  # insertion: a handful of routes
         k = i
         while k > 0 and costs[k] < costs[k - 1]:
