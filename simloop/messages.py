@@ -247,12 +247,23 @@ class MoverTracks(BaseMessage):
 class WorldView(BaseMessage):
     """What a planner may know of the world, all of it from the robot's own map.
 
-    distance_m: (rows, cols) float32, [iy, ix], Euclidean distance from a cell's centre to the
-    nearest occupied cell's surface; cell (0, 0) has its lower left corner at origin_m (2,).
-    discs_xyr_m: (K, 3) obstacles as discs. polygons_m: corners (N, 2) of convex ones.
-    bounds_m: (4,) x_min, y_min, x_max, y_max of the
-    space in which waypoints may lie. Outside the grid all is free; unknown is free.
-    movers: what moves, which is in none of the others; None where nothing is known to.
+    What lies outside the grid is unknown, and each user says how it reads it. The planners, the
+    smoother and the elastic band take the distance of the nearest place inside ("edge" in
+    `simloop.geometry.distance_field`): a wall that reaches the border goes on outside.
+    `navigation.planner_world.opened` adds free space about the grid where that leaves no way.
+    The check whether a goal can be reached at all (`navigation.feasibility`) takes it for free.
+    Unknown cells inside the grid are free for all.
+
+    Attributes:
+        t_ns: Simulated time, ns.
+        origin_m: (2,) lower left corner of cell (0, 0), in map, m.
+        resolution_m: Side of a cell, m.
+        distance_m: (rows, cols) float32 [iy, ix], distance from a cell's centre to the nearest
+            occupied cell's surface, m; (0, 0) if there is no grid.
+        discs_xyr_m: (K, 3) x, y, radius of obstacles as discs, in map, m.
+        bounds_m: (4,) x_min, y_min, x_max, y_max of the space in which waypoints may lie, m.
+        polygons_m: Corners (N, 2) of convex obstacles, in map, m.
+        movers: What moves, which is in none of the others; None where nothing is known to.
     """
 
     t_ns: int
@@ -316,9 +327,16 @@ class Plan(BaseMessage):
 class SmoothPath(BaseMessage):
     """A densely sampled, curvature-continuous path in map.
 
-    xy_m: (K, 2); yaw_rad, curvature_1pm, arc_m, clearance_m: (K,). clearance_m is the least
-    distance from any of the footprint's discs' centres to an obstacle, at that sample.
-    ``safe``: every sample keeps the safety distance.
+    Attributes:
+        t_ns: Simulated time of the plan's view, ns.
+        xy_m: (K, 2) places of base_link, m.
+        yaw_rad: (K,) headings, unwrapped, rad.
+        curvature_1pm: (K,) signed curvature, left positive, 1/m.
+        arc_m: (K,) length from the start, m.
+        clearance_m: (K,) least distance from any of the footprint's disc centres to an obstacle,
+            m.
+        safe: Whether the footprint's discs keep the plan's safe distance at every sample, to
+            1 mm. Near a start that is too close to something less is asked for, as of the plan.
     """
 
     t_ns: int

@@ -78,7 +78,11 @@ class PlanLog:
             self._views[message.t_ns] = message
 
     def records(self) -> list[PlanRecord]:
-        """Return one record for each plan so far, the first plan included."""
+        """Compute the records of all plans so far, the first plan included.
+
+        Returns:
+            One record a plan, in order.
+        """
         return [self._record(plan, self._views[plan.t_ns]) for plan in self._plans]
 
     def _record(self, plan: Plan, view: WorldView) -> PlanRecord:

@@ -266,7 +266,11 @@ _BY_NAME = MappingProxyType({planner.name: planner for planner in _PLANNERS})
 
 
 def available() -> tuple[str, ...]:
-    """Return the names that ``planner.name`` may have."""
+    """List the planners.
+
+    Returns:
+        The names that ``planner.name`` may have.
+    """
     return tuple(_BY_NAME)
 
 

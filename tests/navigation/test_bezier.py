@@ -11,11 +11,12 @@ from helpers.paths import smooth, view_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simloop.config import VehicleConfig
+from simloop.config import PlannerConfig, SmootherConfig, VehicleConfig
 from simloop.geometry.distance_field import field_of
 from simloop.geometry.se2 import wrap_angle
 from simloop.navigation.bezier_smoother import (
     C4,
+    Smoother,
     corner_controls,
     cubic_sample,
     fit_corners,
@@ -23,6 +24,8 @@ from simloop.navigation.bezier_smoother import (
 )
 from simloop.navigation.elastic_band import leg_cost, make_room
 from simloop.planners.problem.clearance import make_problem, point_clearance
+from simloop.planners.protocol import PlanningTask
+from simloop.planners.registry import make_planner
 
 VEHICLE, SAFE = VehicleConfig(), 0.26
 
@@ -153,6 +156,18 @@ def test_it_judges_clearance_as_the_planner_does_also_beyond_the_grid(x):
         judged = min(point_clearance(problem, *disc) for disc in discs)
         assert path.clearance_m[k] == pytest.approx(judged, abs=1e-9)
     assert path.safe == (x < 0.0)
+
+
+def test_a_start_too_close_is_judged_as_the_planner_judges_it():
+    """The robot stands 5 cm too close to a disc: it may leave, but not come closer later on."""
+    view, start = view_of([(0.0, 0.36, 0.15)]), np.zeros(3)
+    task = PlanningTask(view, start, np.array([2.5, -0.5]), SAFE)
+    plan = make_planner(PlannerConfig(), VEHICLE).plan(task, np.random.default_rng(0))
+    path = Smoother(SmootherConfig(), VEHICLE).smooth(plan, view, start)
+    assert plan.safe and path.clearance_m[0] < SAFE - 0.04
+    assert path.safe
+    again = view_of([(0.0, 0.36, 0.15), (*path.xy_m[-40], 0.05)])
+    assert not Smoother(SmootherConfig(extra_room_m=0.0), VEHICLE).smooth(plan, again, start).safe
 
 
 def test_an_unsafe_plan_makes_an_unsafe_path():
