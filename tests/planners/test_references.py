@@ -71,7 +71,7 @@ def test_a_star_without_obstacles_takes_the_octile_distance():
     world = disc_world(np.zeros((0, 3)), (0.0, 0.0, 4.0, 4.0))
     config = PlannerConfig(name="astar")
     start, goal = np.array([0.5, 0.5, 0.0]), np.array([3.5, 1.5])
-    step = spacing(problem_of(config, 0.0, world, start, goal))
+    step = spacing(problem_of(config, 0.0, PlanningTask(world, start, goal, SAFE_M)))
     assert step == pytest.approx(0.02)
     found = plan("astar", world, start[:2], goal)
     assert found.length_m == pytest.approx(0.02 * (50 * math.sqrt(2.0) + 100), rel=1e-9)
