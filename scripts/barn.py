@@ -1,9 +1,9 @@
 """The BARN benchmark (Perille et al. 2020): ten metres through an unknown field of cylinders.
 
-    python benchmarks/barn.py --worlds barn_dev.json.gz --seeds 4 --workers 2 --json barn.json
+    python scripts/barn.py --worlds barn_dev.json.gz --seeds 4 --workers 2 --json barn.json
 
-By the challenge's rules: the clock starts once the robot has come 0.1 m, within 1 m of the goal
-it has arrived, any contact fails, and so do 100 s.
+The rules are those of the challenge: the clock starts when the robot has moved 0.1 m. The run
+succeeds within 1 m of the goal. It fails at any contact, and after 100 s.
 """
 
 from __future__ import annotations
@@ -37,16 +37,26 @@ from simloop.truth import Truth
 from simloop.worlds.gazebo_world import read_sdf
 
 _MOVED_M, _NEAR_M, _LIMIT_S = 0.1, 1.0, 100.0
-_TOP_MPS = 0.47
+_TOP_MPS = 0.47  # this robot's top speed
+_SCORE_MPS = 2.0  # the challenge's speed for the best time
 _HEIGHT_M = 0.6
 _START, _GOAL = (-2.25, 3.0, 0.5 * math.pi), (-2.25, 13.0)
-_RASTER_ORIGIN = np.array([-4.575, 5.075])  # of the way's cells, m
-_DISC_M = 0.25
+_RASTER_ORIGIN = np.array([-4.575, 5.075])  # of the cells of the organisers' paths, m
+_DISC_M = 0.25  # radius of a disc as wide as the robot
 
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """cylinders_m: x, y of each; start: x, y, yaw; path_length_m: of the organisers' own way."""
+    """A BARN world.
+
+    Attributes:
+        name: Its number as text.
+        cylinders_m: Centre x, y of each cylinder, m, map frame.
+        radius_m: Radius of all cylinders, m.
+        start: x, y, yaw, m and rad, map frame.
+        goal: x, y, m, map frame.
+        path_length_m: Length of the organisers' own path from start to goal, m.
+    """
 
     name: str
     cylinders_m: tuple[tuple[float, float], ...]
@@ -58,7 +68,16 @@ class Course:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """outcome: reached, collision, timeout, or what the robot said. time_s: on BARN's clock."""
+    """The result of one run.
+
+    Attributes:
+        world: Name of the world.
+        seed: Seed of the run.
+        outcome: reached, collision or timeout; or the robot's own reason for giving up.
+        time_s: Time on BARN's clock, s.
+        score: The challenge's score, 0 to 0.5.
+        time_over_limit: ``time_s`` over the time for the organisers' path at top speed.
+    """
 
     world: str
     seed: int
@@ -69,7 +88,12 @@ class Run:
 
 
 class Referee:
-    """Listens to the truth and judges by BARN's rules; what happens first counts."""
+    """Judges a run by BARN's rules from the true states; the first event counts.
+
+    Attributes:
+        outcome: reached, collision, timeout; empty as long as the run goes on.
+        time_s: Time on BARN's clock, s.
+    """
 
     def __init__(self, course: Course) -> None:
         self._course = course
@@ -78,7 +102,11 @@ class Referee:
         self.time_s = 0.0
 
     def offer(self, message: Message) -> None:
-        """Take note of a Truth; ignore all else."""
+        """Judge one message.
+
+        Args:
+            message: Any message of the loop; only a `Truth` counts.
+        """
         if not isinstance(message, Truth) or self.outcome:
             return
         place = message.pose_xyyaw[:2]
@@ -90,14 +118,22 @@ class Referee:
             self.outcome = "collision"
         elif math.dist(place, self._course.goal) <= _NEAR_M:
             self.outcome = "reached"
+        # A robot that never starts the clock must end too: after twice the time.
         elif self.time_s >= _LIMIT_S or message.t_ns >= 2e9 * _LIMIT_S:
             self.outcome = "timeout"
 
 
 def read_worlds(path: Path) -> dict[str, Course]:
-    """The worlds of a JSON file (plain or gzipped), or of a folder of world_N.world, by their N.
+    """Read BARN worlds.
 
-    Raises InputError.
+    Args:
+        path: A JSON file, plain or gzipped, or a folder with files world_N.world.
+
+    Returns:
+        Name -> world, in the order of the file or by N.
+
+    Raises:
+        InputError: The worlds cannot be read.
     """
     if path.is_dir():
         return read_folder(path)
@@ -122,28 +158,43 @@ def read_worlds(path: Path) -> dict[str, Course]:
 
 
 def read_folder(folder: Path) -> dict[str, Course]:
-    """Gazebo worlds as BARN has them; the way's length from path_N.npy beside, or our shortest."""
+    """Read BARN's Gazebo worlds.
+
+    Args:
+        folder: Holds files world_N.world and, optionally, the organisers' paths path_N.npy. Without
+            them the length of the shortest path for this robot is used.
+
+    Returns:
+        N -> world, ascending.
+
+    Raises:
+        InputError: There are no worlds, or one is not a BARN world.
+    """
     files = sorted(folder.glob("world_*.world"), key=lambda file: (len(file.stem), file.stem))
     if not files:
-        raise InputError(f"{folder}: no world_N.world in it")
+        raise InputError(f"{folder}: contains no world_N.world")
     return {(name := file.stem.removeprefix("world_")): _from_gazebo(name, file) for file in files}
 
 
 def _from_gazebo(name: str, file: Path) -> Course:
+    """A world from Gazebo's format; InputError if it is not one of BARN's."""
     obstacles = read_sdf(file).obstacles
     if any(one.shape != "cylinder" for one in obstacles) or not obstacles:
-        raise InputError(f"{file}: a BARN world is of cylinders alone")
+        raise InputError(f"{file}: a BARN world consists of cylinders only")
     sizes = {one.size_m[0] for one in obstacles}
     if len(sizes) > 1:
-        raise InputError(f"{file}: cylinders of {len(sizes)} sizes; a BARN world has one")
+        raise InputError(f"{file}: cylinders of {len(sizes)} sizes; in a BARN world all are equal")
     places = tuple(one.position_m for one in obstacles)
     course = Course(name, places, 0.5 * sizes.pop(), _START, _GOAL, 0.0)
-    return replace(course, path_length_m=_way_length(course, file.with_name(f"path_{name}.npy")))
+    return replace(course, path_length_m=_path_length(course, file.with_name(f"path_{name}.npy")))
 
 
-def _way_length(course: Course, file: Path) -> float:
-    """Of the organisers' way: cells of their raster, joined to start and goal; else the shortest
-    way of a disc as wide as the robot."""
+def _path_length(course: Course, file: Path) -> float:
+    """Length of the organisers' path, m.
+
+    Their file holds cells of a raster; start and goal are added. Without a file it is the length of
+    the shortest path of a disc as wide as the robot.
+    """
     ends = np.array([course.start[:2], course.goal])
     if file.exists():
         try:
@@ -151,17 +202,29 @@ def _way_length(course: Course, file: Path) -> float:
         except (OSError, ValueError):
             raise InputError(f"{file}: not an array of cells") from None
         inner = 2.0 * course.radius_m * cells + _RASTER_ORIGIN
-        way = np.vstack([ends[:1], inner, ends[1:]])
-        return float(np.hypot(*np.diff(way, axis=0).T).sum())
+        path = np.vstack([ends[:1], inner, ends[1:]])
+        return float(np.hypot(*np.diff(path, axis=0).T).sum())
     floor = _world(course, ()).floor
-    way_found = shortest_path(floor, ends[0], ends[1], _DISC_M)
-    if way_found is None:
-        raise InputError(f"world {course.name}: no way through it")
-    return way_found.length_m
+    shortest = shortest_path(floor, ends[0], ends[1], _DISC_M)
+    if shortest is None:
+        raise InputError(f"world {course.name}: no path from start to goal")
+    return shortest.length_m
 
 
 def scenario_of(course: Course, overrides: Sequence[str], seed: int) -> Scenario:
-    """The course as a scenario of its own."""
+    """Make a scenario of a world.
+
+    Args:
+        course: The world.
+        overrides: Settings as ``key=value``.
+        seed: Seed of the scenario.
+
+    Returns:
+        The scenario. Its time limit leaves the decision to the referee.
+
+    Raises:
+        InputError: An override is wrong.
+    """
     table: dict[str, Any] = {
         "name": f"barn_{course.name}",
         "title": f"BARN world {course.name}",
@@ -187,11 +250,21 @@ def scenario_of(course: Course, overrides: Sequence[str], seed: int) -> Scenario
 
 @lru_cache(maxsize=4)
 def _world(course: Course, overrides: tuple[str, ...]) -> World:
+    """The compiled world, kept for the other seeds of the same course."""
     return build_world(scenario_of(course, overrides, 0))
 
 
 def run_one(course: Course, overrides: tuple[str, ...], seed: int) -> Run:
-    """One run; the same in any process."""
+    """Run a world once; the result is the same in any process.
+
+    Args:
+        course: The world.
+        overrides: Settings as ``key=value``.
+        seed: Seed of the run.
+
+    Returns:
+        How the run ended.
+    """
     referee = Referee(course)
     scenario = scenario_of(course, overrides, seed)
     simulation = Simulation(scenario, listeners=[referee.offer], world=_world(course, overrides))
@@ -200,13 +273,21 @@ def run_one(course: Course, overrides: tuple[str, ...], seed: int) -> Run:
     limit_s = course.path_length_m / _TOP_MPS
     score = 0.0
     if outcome == "reached":
-        best_s = 0.5 * course.path_length_m  # at 2 m/s, as the challenge has it
+        # The challenge rates the time between two and eight times the best.
+        best_s = course.path_length_m / _SCORE_MPS
         score = best_s / float(np.clip(referee.time_s, 2.0 * best_s, 8.0 * best_s))
     return Run(course.name, seed, outcome, referee.time_s, score, referee.time_s / limit_s)
 
 
 def figures(runs: Sequence[Run]) -> dict[str, Any]:
-    """Rates over all runs, means over those that arrived, and each world's own."""
+    """Summarise runs.
+
+    Args:
+        runs: At least one run.
+
+    Returns:
+        Rates over all runs, mean times over those that arrived, and the runs of each world.
+    """
     arrived = [run for run in runs if run.outcome == "reached"]
 
     def rate(*outcomes: str) -> float:
@@ -230,13 +311,24 @@ def figures(runs: Sequence[Run]) -> dict[str, Any]:
 
 
 def _mean(values: Sequence[float]) -> float | None:
+    """Mean of the values; None if there are none."""
     return float(np.mean(values)) if values else None
 
 
 def run_all(
     courses: Sequence[Course], seeds: int, overrides: tuple[str, ...], pool: Executor
 ) -> Iterator[Run]:
-    """Every world with every seed, in that order."""
+    """Run every world with every seed.
+
+    Args:
+        courses: The worlds.
+        seeds: Runs of each world, with the seeds from 0 on.
+        overrides: Settings as ``key=value``.
+        pool: Where the runs are executed.
+
+    Yields:
+        The runs, world by world and by seed.
+    """
     jobs = list(product(courses, range(seeds)))
     yield from pool.map(
         run_one, [c for c, _ in jobs], [overrides] * len(jobs), [s for _, s in jobs]
@@ -251,11 +343,27 @@ def main(
     json_file: Annotated[Path | None, typer.Option("--json")] = None,
     overrides: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE")] = None,
 ) -> int:
-    """Run BARN's worlds by BARN's rules."""
+    """Run BARN's worlds by BARN's rules.
+    \f
+
+    Args:
+        worlds: A JSON file, plain or gzipped, or a folder of world_N.world.
+        indices: Names of the worlds to run; None: all.
+        seeds: Runs of each world, with the seeds from 0 on.
+        workers: Number of processes.
+        json_file: Where to write the figures; None: nowhere.
+        overrides: Settings as ``key=value``.
+
+    Returns:
+        Exit code 0.
+
+    Raises:
+        InputError: The worlds cannot be read, or a name is unknown.
+    """
     check_json(json_file)
     known = read_worlds(worlds)
     if not known:
-        raise InputError(f"{worlds}: no worlds in it")
+        raise InputError(f"{worlds}: contains no worlds")
     for index in indices or ():
         if index not in known:
             raise InputError(f"--indices {index}: no such world in {worlds}")

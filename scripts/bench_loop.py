@@ -1,4 +1,4 @@
-"""Speed of the closed loop: the same as ``simloop bench loop``."""
+"""Measure the speed of the closed loop; the same as ``simloop bench loop``."""
 
 from __future__ import annotations
 

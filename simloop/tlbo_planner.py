@@ -2,11 +2,13 @@
 
 Source: Sabiha 2022 (online TLBO), Sections 3-4. One call goes from coarse to fine:
 
-    routes of different homotopy, and the best mixture of them -> taut, their bends split
-    -> a class about each that may yet win -> TLBO -> the best learner of all
+    routes of different homotopy, and the best mixture of them
+    -> pulled taut, their bends split
+    -> a class of learners about each route that may yet win, taught by TLBO
+    -> the best learner of all
 
-What lies ahead of the previous plan competes as one more route, with a small bonus: a frame
-keeps its way unless that is blocked or a clearly better one has opened.
+What lies ahead of the previous plan competes as one more route, with a small bonus. The robot
+therefore keeps its way unless that is blocked or a clearly better one has opened.
 """
 
 from __future__ import annotations
@@ -19,8 +21,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from simloop.config import PlannerConfig, VehicleConfig
-from simloop.messages import FloatArray, Plan, WorldView
-from simloop.planners.problem.account import problem_of
+from simloop.messages import FloatArray, Plan
+from simloop.planners.problem.account import account, problem_of
 from simloop.planners.problem.bends import MAX_POINTS, copy_path, refine, settle, without_twins
 from simloop.planners.problem.clearance import Problem
 from simloop.planners.problem.objective import (
@@ -30,6 +32,7 @@ from simloop.planners.problem.objective import (
     length_and_turning,
     make_stack,
 )
+from simloop.planners.protocol import PlanningTask
 from simloop.planners.splitmix import State, make_state
 from simloop.planners.tlbo.lines import Lines, decode, encode, make_lines, nearby
 from simloop.planners.tlbo.recombine import recombine
@@ -47,11 +50,17 @@ _LOYALTY = 0.98
 
 
 class Tuning(NamedTuple):
-    """How much work each step does: one set for a frame, one for ``precise``.
+    """How much work each step does: one set for a normal plan, one for ``precise``.
 
-    idle, tolerance, budget: see `tlbo`. nodes: of the route search's lattice. rivals: how many
-    routes at most get a class; rival_margin: how much dearer than the best they may be. splits,
-    least_turn: see `refine`.
+    Attributes:
+        idle: Idle generations that end TLBO.
+        tolerance: Gain, as a share of J, below which a generation is idle.
+        budget: Most trials.
+        nodes: About how many nodes the lattice of the route search has.
+        rivals: How many routes at most get a class.
+        rival_margin: How much dearer than the best a rival may be, as a share.
+        splits: How often bends are split, see `refine`.
+        least_turn: Turn below which a bend is not split, rad.
     """
 
     idle: int
@@ -65,7 +74,20 @@ class Tuning(NamedTuple):
 
 
 class Buffers(NamedTuple):
-    """Scratch that a planner owns: nothing in it outlives a call."""
+    """Scratch that a planner owns; nothing in it outlives a call.
+
+    Attributes:
+        learners: The class.
+        lines: The coded path.
+        stack: Scratch for the clearance of segments.
+        routes: (K, MAX_POINTS, 2) the routes, m.
+        counts: (K,) how many points each route has.
+        costs: (K,) J of each route.
+        scratch: (2, MAX_POINTS, 2) for `settle`.
+        best: (MAX_POINTS, 2) the old way at first, the best path in the end, m.
+        shown: (., MAX_POINTS, 2) some learners' paths, to look at, m.
+        state: (1,) of the random generator.
+    """
 
     learners: Class
     lines: Lines
@@ -80,8 +102,16 @@ class Buffers(NamedTuple):
 
 
 def make_buffers(learners: int, routes: int) -> Buffers:
-    """Buffers for a class of ``learners`` and for ``routes`` found, a mixture of them, the
-    straight line and the old way."""
+    """Make the buffers of a planner.
+
+    Args:
+        learners: How many learners a class has.
+        routes: How many routes are sought. There is room for three more: their best mixture, the
+            straight line and the old way.
+
+    Returns:
+        The buffers.
+    """
     stack = make_stack()
     return Buffers(
         learners=make_class(learners, stack),
@@ -130,9 +160,10 @@ def _gather(p: Problem, nodes: int, warm: int, solid: bool, b: Buffers) -> int:
 def _teach(
     p: Problem, tune: Tuning, k: int, least: float, b: Buffers
 ) -> tuple[float, int, int, int]:
-    """Let a class about route k learn; where it beats ``least``, its best goes to b.best.
+    """Let a class about route k learn; where it beats ``least``, its best path goes to b.best.
 
-    Its cost (inf where it does not), count of points, generations and learners shown.
+    Returns its cost (inf where it does not), its count of points, the generations, and how many
+    learners are shown.
     """
     m = refine(p, b.routes[k], b.counts[k], tune.splits, tune.least_turn, b.stack)
     m = without_twins(b.routes[k], m)
@@ -156,7 +187,7 @@ def _teach(
 
 @njit(cache=True)
 def _deserves_class(p: Problem, k: int, least: float, b: Buffers) -> bool:
-    """Whether route k would be much cheaper than ``least`` if it had not too little clearance."""
+    """Whether route k would be much cheaper than ``least`` if it did not lack clearance."""
     length, turning = length_and_turning(b.routes[k], b.counts[k])
     plain = p.length_weight * length + p.turning_weight * turning
     unsafe = b.costs[k] > plain + 0.5 * p.penalty * LEAST_INTRUSION_M
@@ -167,8 +198,9 @@ def _deserves_class(p: Problem, k: int, least: float, b: Buffers) -> bool:
 def _solve(p: Problem, tune: Tuning, warm: int, b: Buffers) -> tuple[int, int, int]:
     """Plan into b.best; its count of points, the generations, and how many learners are shown.
 
-    The cheapest routes get a class, then those that lack some clearance, which a class may find.
-    Where nothing safe is found, a finer lattice has its say, which no wall is too thin to stop.
+    The cheapest routes get a class, then those that lack some clearance, because a class may find
+    it. If nothing safe is found, a finer lattice is tried in which no wall is too thin to stop the
+    wave.
     """
     if math.hypot(p.goal_x - p.start_x, p.goal_y - p.start_y) < _HERE_M:
         b.best[0, 0], b.best[0, 1] = p.start_x, p.start_y
@@ -196,22 +228,18 @@ def _solve(p: Problem, tune: Tuning, warm: int, b: Buffers) -> tuple[int, int, i
 
 @njit(cache=True)
 def _show(p: Problem, b: Buffers, free: int, m: int) -> int:
-    """Put some learners into b.shown, for the eye; how many."""
+    """Write the paths of some learners into b.shown, to look at; how many."""
     for k in range(min(_SHOWN, b.learners.cost.size)):
         decode(p, b.lines, b.learners.subject[k], free, m, b.shown[k])
     return min(_SHOWN, b.learners.cost.size)
 
 
-@njit(cache=True)
-def _account(p: Problem, path: FloatArray, m: int, stack: FloatArray) -> tuple[float, float, float]:
-    """Length, turning and summed intrusion of a path."""
-    length, turning = length_and_turning(path, m)
-    return length, turning, intrusion(p, path, m, np.inf, stack)
-
-
 def _tuning(config: PlannerConfig) -> Tuning:
-    """A frame has little time: it waits for a fifteenth of the idle generations, ``precise`` for
-    a third, and it looks at fewer and coarser routes."""
+    """The work for a config.
+
+    A normal plan has little time: it waits for a fifteenth of the idle generations, ``precise``
+    for a third, and it tries fewer and coarser routes.
+    """
     idle, budget = config.idle_generations, config.max_evaluations
     if config.precise:
         return Tuning(max(1, idle // 3), 1e-5, budget, 8000, 4, 0.02, 3, 0.05)
@@ -219,10 +247,9 @@ def _tuning(config: PlannerConfig) -> Tuning:
 
 
 class TlboPlanner:
-    """Keeps `simloop.planners.protocol.Planner`; its state between calls is scratch only."""
+    """The lead planner; it follows `simloop.planners.protocol.Planner`."""
 
     name = "tlbo"
-    invariant = ("shift", "rotate", "mirror", "scale")
 
     def __init__(self, config: PlannerConfig, vehicle: VehicleConfig) -> None:
         self._config = config
@@ -231,41 +258,36 @@ class TlboPlanner:
         routes = _ROUTES_PRECISE if config.precise else _ROUTES
         self._buffers = make_buffers(config.learners, routes)
 
-    def plan(
-        self,
-        world: WorldView,
-        start: FloatArray,
-        goal: FloatArray,
-        rng: np.random.Generator,
-        *,
-        previous: Plan | None = None,
-        reason: str = "frame",
-    ) -> Plan:
-        """As the protocol says. A start too close to something: see `make_problem`."""
-        config, b = self._config, self._buffers
-        problem = problem_of(config, self._overhang, world, start, goal)
+    def plan(self, task: PlanningTask, rng: np.random.Generator) -> Plan:
+        """Plan a path for a task.
+
+        Args:
+            task: Where to plan. If the start is too close to something: see `make_problem`.
+            rng: The only source of randomness; one number is drawn.
+
+        Returns:
+            The plan, with some of the last class as its candidates.
+        """
+        b = self._buffers
+        problem = problem_of(self._config, self._overhang, task)
         b.state[:] = make_state(rng)
-        warm = self._warm(problem, previous)
+        warm = self._warm(problem, task.previous)
         m, generations, shown = _solve(problem, self._tuning, warm, b)
-        length, turning, lack = _account(problem, b.best, m, b.stack)
-        cost = config.length_weight * length + config.turning_weight * turning
-        return Plan(
-            t_ns=world.t_ns,
-            waypoints_m=b.best[:m].copy(),
-            cost=cost + config.penalty * lack,
-            length_m=length,
-            turning_rad=turning,
-            safe=lack == 0.0,
+        return account(
+            self.name,
+            task,
+            problem,
+            b.best[:m].copy(),
             evaluations=int(problem.trials[0]),
             generations=generations,
-            planner=self.name,
-            reason=reason,
             candidates_m=tuple(b.shown[k, :m].copy() for k in range(shown)),
         )
 
     def _warm(self, problem: Problem, previous: Plan | None) -> int:
-        """Put what lies ahead of the previous plan into b.best; how many points, 0 if it is no
-        longer safe or leads elsewhere."""
+        """Put what lies ahead of the previous plan into b.best.
+
+        Returns how many points it has: 0 if it is no longer safe or leads elsewhere.
+        """
         path = way_ahead(problem, previous)
         if path is None or len(path) > MAX_POINTS - 1:
             return 0

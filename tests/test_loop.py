@@ -212,10 +212,13 @@ def test_a_robot_with_a_blind_planner_stops_before_the_obstacle(monkeypatch):
     class Straight:
         name = "straight"
 
-        def plan(self, world, start, goal, rng, *, previous=None, reason="frame"):
-            points = np.array([start[:2], goal])
+        def plan(self, task, rng):
+            points = np.array([task.start[:2], task.goal])
             length = float(np.hypot(*(points[1] - points[0])))
-            return Plan(world.t_ns, points, length, length, 0.0, False, 1, 0, self.name, reason)
+            return Plan(
+                task.world.t_ns, points, length, length, 0.0, False, 1, 0, self.name, task.reason,
+                safe_distance_m=task.safe_distance_m,
+            )  # fmt: skip
 
     monkeypatch.setattr(gap_choice, "make_planner", lambda *_: Straight())
     tape = Tape()

@@ -1,13 +1,14 @@
-"""Faults on purpose, each in many runs: does the robot recover, or say that it is lost and stop?
+"""Fault injection: does the robot recover, or report that it is lost and stop?
 
-It must never drive on a wrong pose without saying so.
+Each fault is tried in many runs. A run fails if the robot touches something, or drives with a
+wrong pose estimate for longer than it can possibly notice without reporting it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from rich.console import Console
 
@@ -17,53 +18,73 @@ from simloop.scenario.load import load
 
 _SCENARIO = "faults"
 MOST_UNSAID_S = 0.25
-"""What passes until a scan has come, and been refused: two turns of the LiDAR and a little."""
+"""Longest time that the pose may be wrong without a report, s: a scan must arrive and be rejected,
+which takes two turns of the LiDAR and a little."""
 
-FAULTS: dict[str, tuple[str, str]] = {
-    "none": ("", "arrives; nothing is said but of slip"),
-    "encoder stuck": (
-        '{kind="encoder_stuck", at_s=4.0, side="left"}',
-        "does not hear that belt; arrives",
+
+class FaultCase(NamedTuple):
+    """A fault and what the robot is expected to do.
+
+    Attributes:
+        spec: The fault as an entry of a scenario's ``faults``, in TOML; empty for none.
+        expected: The expected behaviour in words.
+        outcome: The outcome that the run must have.
+    """
+
+    spec: str
+    expected: str
+    outcome: str = "reached"
+
+
+FAULTS: dict[str, FaultCase] = {
+    "none": FaultCase("", "arrives; reports slip at most"),
+    "encoder stuck": FaultCase(
+        '{kind="encoder_stuck", at_s=4.0, side="left"}', "ignores that belt; arrives"
     ),
-    "encoders silent 1 s": ('{kind="encoders_silent", at_s=4.0, for_s=1.0}', "says so; arrives"),
-    "gyro's bias jumps": (
-        '{kind="gyro_jump", at_s=4.0, bias_radps=0.1}',
-        "finds its bias anew; arrives",
+    "encoders silent 1 s": FaultCase(
+        '{kind="encoders_silent", at_s=4.0, for_s=1.0}', "reports it; arrives"
     ),
-    "IMU silent 1 s": ('{kind="imu_silent", at_s=4.0, for_s=1.0}', "says so; arrives"),
-    "30 % of beams dropped": ('{kind="beams_dropped", at_s=0.0, share=0.3}', "arrives"),
-    "glass": (
-        '{kind="glass", at_s=0.0, min_m=[-0.9, 0.8], max_m=[-0.5, 3.0]}',
-        "arrives",
+    "gyro's bias jumps": FaultCase(
+        '{kind="gyro_jump", at_s=4.0, bias_radps=0.1}', "estimates its bias again; arrives"
     ),
-    "LiDAR silent 2 s": (
-        '{kind="lidar_silent", at_s=4.0, for_s=2.0}',
-        "stops until it sees again; arrives",
+    "IMU silent 1 s": FaultCase('{kind="imu_silent", at_s=4.0, for_s=1.0}', "reports it; arrives"),
+    "30 % of beams dropped": FaultCase('{kind="beams_dropped", at_s=0.0, share=0.3}', "arrives"),
+    "glass": FaultCase('{kind="glass", at_s=0.0, min_m=[-0.9, 0.8], max_m=[-0.5, 3.0]}', "arrives"),
+    "LiDAR silent 2 s": FaultCase(
+        '{kind="lidar_silent", at_s=4.0, for_s=2.0}', "stops until scans come again; arrives"
     ),
-    "LiDAR silent for good": (
-        '{kind="lidar_silent", at_s=4.0}',
-        "stops, and says why",
+    "LiDAR silent for good": FaultCase(
+        '{kind="lidar_silent", at_s=4.0}', "stops and reports why", "lost"
     ),
-    "scans 0.2 s late": ('{kind="lidar_late", at_s=2.0, delay_s=0.2}', "arrives"),
-    "one track on ice": (
+    "scans 0.2 s late": FaultCase('{kind="lidar_late", at_s=2.0, delay_s=0.2}', "arrives"),
+    "one track on ice": FaultCase(
         '{kind="ice", at_s=4.0, for_s=4.0, side="left", friction=0.05}',
-        "does not hear that belt; arrives",
+        "ignores that belt; arrives",
     ),
-    "pushed 0.3 m sideways": (
-        '{kind="pushed", at_s=4.0, for_s=0.5, shift_m=0.3}',
-        "notices; arrives",
+    "pushed 0.3 m sideways": FaultCase(
+        '{kind="pushed", at_s=4.0, for_s=0.5, shift_m=0.3}', "notices it; arrives"
     ),
-    "kidnapped": (
+    "kidnapped": FaultCase(
         '{kind="kidnapped", at_s=5.0, to=[0.6, 2.0, 1.0]}',
-        "says that it is lost, finds itself; arrives",
+        "reports that it is lost, relocalises; arrives",
     ),
 }
-"""What goes wrong, as in a scenario's ``faults``, and what the robot is to make of it."""
+"""Name of a fault -> what goes wrong and what the robot is expected to do."""
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """One run with a fault; health: see ``health_account``."""
+    """One run with a fault.
+
+    Attributes:
+        fault: Name of the fault, a key of `FAULTS`.
+        seed: Seed of the run.
+        outcome: How the run ended.
+        contacts: Number of contacts with obstacles.
+        health: The run's health figures, see `simloop.evaluation.health_account`.
+        ate_rmse_m: Absolute trajectory error of the estimate, RMS, m.
+        sim_time_s: Simulated time, s.
+    """
 
     fault: str
     seed: int
@@ -75,15 +96,23 @@ class Trial:
 
     @property
     def handled(self) -> bool:
-        """Whether it did as the table says, hit nothing, and was never wrong without saying so."""
-        stops = FAULTS[self.fault][1].startswith("stops, and")
-        fate = self.outcome == "lost" if stops else self.outcome == "reached"
-        return fate and not self.contacts and self.health["unsaid_s"] <= MOST_UNSAID_S
+        """Whether the robot did as expected, touched nothing and reported every wrong pose."""
+        if self.outcome != FAULTS[self.fault].outcome or self.contacts:
+            return False
+        return bool(self.health["unsaid_s"] <= MOST_UNSAID_S)
 
 
 def run_trial(fault: str, seed: int) -> Trial:
-    """One run of a fault of ``FAULTS``."""
-    result = Simulation(load(_SCENARIO, [f"faults=[{FAULTS[fault][0]}]"], seed=seed)).run()
+    """Run the fault scenario once.
+
+    Args:
+        fault: Name of the fault, a key of `FAULTS`.
+        seed: Seed of the run.
+
+    Returns:
+        What came of it.
+    """
+    result = Simulation(load(_SCENARIO, [f"faults=[{FAULTS[fault].spec}]"], seed=seed)).run()
     m = result.metrics
     return Trial(
         fault,
@@ -96,22 +125,37 @@ def run_trial(fault: str, seed: int) -> Trial:
     )
 
 
-def run(seeds: int, tell: Callable[[str, int], None]) -> Iterator[Trial]:
-    """All faults with so many seeds each. tell: hears of each fault and seed before its run."""
+def run(seeds: int, report: Callable[[str, int], None]) -> Iterator[Trial]:
+    """Run every fault several times.
+
+    Args:
+        seeds: Runs of each fault, with the seeds from 0 on.
+        report: Called with the fault and the seed before each run.
+
+    Yields:
+        The trials, fault by fault.
+    """
     for fault in FAULTS:
         for seed in range(seeds):
-            tell(fault, seed)
+            report(fault, seed)
             yield run_trial(fault, seed)
 
 
 def figures(trials: list[Trial]) -> dict[str, Any]:
-    """What ``--json`` writes."""
+    """Summarise trials by fault.
+
+    Args:
+        trials: Trials of any faults.
+
+    Returns:
+        What ``simloop bench faults --json`` writes: ``ok`` and ``faults``, by name.
+    """
     found = {}
-    for fault, (_, expected) in FAULTS.items():
+    for fault, case in FAULTS.items():
         mine = [t for t in trials if t.fault == fault]
         if mine:
             found[fault] = {
-                "expected": expected,
+                "expected": case.expected,
                 "runs": len(mine),
                 "handled": sum(t.handled for t in mine),
                 "ate_rmse_m_worst": max(t.ate_rmse_m for t in mine),
@@ -122,7 +166,12 @@ def figures(trials: list[Trial]) -> dict[str, Any]:
 
 
 def print_figures(console: Console, found: dict[str, Any]) -> None:
-    """One row a fault."""
+    """Print the figures as a table with one row for each fault.
+
+    Args:
+        console: Where to print.
+        found: What `figures` returned.
+    """
     rows = [
         [
             fault,
@@ -133,5 +182,5 @@ def print_figures(console: Console, found: dict[str, Any]) -> None:
         ]
         for fault, row in found["faults"].items()
     ]
-    columns = ["fault", "the robot", "handled", "worst ATE", "wrong and unsaid"]
-    print_table(console, "Faults on purpose", columns, rows)
+    columns = ["fault", "expected", "handled", "worst ATE", "wrong, not reported"]
+    print_table(console, "Fault injection", columns, rows)

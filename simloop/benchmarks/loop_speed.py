@@ -1,7 +1,7 @@
-"""How fast the loop runs: as ratios to the clock and to its own physics, and stage by stage.
+"""Speed of the closed loop: against the clock, against its own physics, and by stage.
 
-Every figure is the best of a few repeats in one process: what else the machine does can only
-make it slower. Nothing here is ever used in a decision.
+Each figure is the best of a few repeats in one process, because other work of the machine can only
+make it slower. No figure is ever used in a decision.
 """
 
 from __future__ import annotations
@@ -36,9 +36,16 @@ Report = Callable[[str, int], None]
 def run(
     scenario: Scenario, repeats: int = 3, report: Report = lambda name, count: None
 ) -> dict[str, Any]:
-    """The figures of ``simloop bench loop --json``; see ``_FIGURES`` for what each one is.
+    """Measure the closed loop on a scenario.
 
-    report: hears of each kernel that is compiled, see ``warmup.warm_up``.
+    Args:
+        scenario: The scenario to run.
+        repeats: How often each measurement is repeated; the best counts.
+        report: Called with the name and the number of each kernel that is compiled first, see
+            `simloop.loop.warm_up`.
+
+    Returns:
+        What ``simloop bench loop --json`` writes; `_FIGURES` explains the main figures.
     """
     world = build_world(scenario)
     warm_up(scenario, world, report)
@@ -68,14 +75,23 @@ def run(
 _FIGURES = (
     ("real_time_factor", "{:.1f} x", "closed loop, nothing recorded"),
     ("real_time_factor_recording", "{:.1f} x", "closed loop, recorded to a file"),
-    ("plant_only_ratio", "{:.2f} x", "closed loop to the plant alone, same voltages"),
+    (
+        "plant_only_ratio",
+        "{:.2f} x",
+        "wall time of the closed loop over that of the plant alone, same voltages",
+    ),
     ("step_us", "{:.1f} us", "one physics step, tracks included"),
     ("lidar_scan_us", "{:.0f} us", "one turn of the LiDAR"),
 )
 
 
 def print_figures(console: Console, figures: dict[str, Any]) -> None:
-    """The figures as two tables: the loop as a whole, then its stages by their share."""
+    """Print two tables: the loop as a whole, then its stages by their share of the time.
+
+    Args:
+        console: Where to print.
+        figures: What `run` returned.
+    """
     name = f"{figures['scenario']}, seed {figures['seed']}, on {figures['machine']['cpu']}"
     rows = [[key, form.format(figures[key]), what] for key, form, what in _FIGURES]
     print_table(console, name, ["figure", "value", "of"], rows)
@@ -89,9 +105,9 @@ def print_figures(console: Console, figures: dict[str, Any]) -> None:
 
 
 def _closed_loop(scenario: Scenario, world: World) -> dict[str, Any]:
-    """One run as it is; the voltages are kept by reference, which costs next to nothing."""
-    profiler, heard = Profiler(), _Heard()
-    simulation = Simulation(scenario, listeners=[heard], profiler=profiler, world=world)
+    """One run without recording; logging the voltages by reference costs next to nothing."""
+    profiler, log = Profiler(), _VoltageLog()
+    simulation = Simulation(scenario, listeners=[log], profiler=profiler, world=world)
     gc.collect()
     began = perf_counter()
     result = simulation.run()
@@ -102,12 +118,12 @@ def _closed_loop(scenario: Scenario, world: World) -> dict[str, Any]:
         "sim_s": result.metrics["sim_time_s"],
         "wall_s": wall_s,
         "stages": profiler.summary(wall_s),
-        "voltages": heard.voltages,
+        "voltages": log.voltages,
     }
 
 
-class _Heard:
-    """The voltages (2,) of every control period, in order."""
+class _VoltageLog:
+    """A listener that keeps the voltages (2,), V, of every control period, in order."""
 
     def __init__(self) -> None:
         self.voltages: list[FloatArray] = []
@@ -118,10 +134,11 @@ class _Heard:
 
 
 def _plant_alone(scenario: Scenario, world: World, voltages: list[FloatArray]) -> float:
-    """Wall time of the plant under the same voltages as in the loop, so along the same way."""
+    """Wall time of the plant with the same voltages as in the loop, so along the same path, s."""
     plant = Plant(world.model, scenario.config)
     plant.reset(np.array(scenario.start))
     gc.collect()
+    # A command takes effect one control period later, as in the loop.
     began, before = perf_counter(), np.zeros(2)
     for voltage in voltages:
         plant.step(before)
@@ -130,7 +147,7 @@ def _plant_alone(scenario: Scenario, world: World, voltages: list[FloatArray]) -
 
 
 def _recorded(scenario: Scenario, world: World) -> float:
-    """Wall time of the loop with a recording to a file, its closing included."""
+    """Wall time of the loop with a recording to a file, including closing the file, s."""
     with tempfile.TemporaryDirectory() as directory:
         recorder = recorder_for(Path(directory) / "bench.rrd", scenario, world)
         simulation = Simulation(scenario, [recorder.offer], world=world)
@@ -138,13 +155,14 @@ def _recorded(scenario: Scenario, world: World) -> float:
         began = perf_counter()
         result = simulation.run()
         run_s = result.metrics["wall_time_s"]
+        # The run's own metrics (shortest path and so on) count neither here nor without recording.
         closing = perf_counter()
         recorder.close()
         return min(run_s, closing - began) + perf_counter() - closing
 
 
 def _scan_us(scenario: Scenario, world: World) -> float:
-    """The median cost of one whole turn: all the sweeps of a scan's period together."""
+    """Median time of one LiDAR turn: all sweeps within one scan period together, us."""
     config = scenario.config
     plant = Plant(world.model, config)
     before = plant.reset(np.array(scenario.start))

@@ -1,8 +1,8 @@
-"""The mapper on courses in the simulator, where the truth is known.
+"""Accuracy and speed of the graph mapper on simulated courses, where the truth is known.
 
-Trajectories are compared by evo (Grupp 2017): ATE after the best rigid alignment (Sturm et al.
-2012) and as it stands from the common start; RPE over a metre of way. Nothing here is ever used in
-a decision.
+Trajectories are compared by evo (Grupp 2017): the absolute trajectory error (ATE) after the best
+rigid alignment (Sturm et al. 2012) and without alignment, from the common start, and the relative
+pose error (RPE) over one metre of path. No figure is ever used in a decision.
 """
 
 from __future__ import annotations
@@ -50,12 +50,22 @@ _COLUMNS = (
 def run(
     names: Sequence[str] = (),
     seeds: Sequence[int] = (0,),
-    said: Callable[[str, int], None] = lambda text, done: None,
+    progress: Callable[[str, int], None] = lambda text, done: None,
     report: Report = silent,
 ) -> dict[str, Any]:
-    """The figures of the courses named, or of all, with every seed.
+    """Drive and map courses.
 
-    said: hears which course is driven, and how many have been.
+    Args:
+        names: Courses, keys of `COURSES`; empty: all.
+        seeds: Seeds of course and sensors; every course is driven with each.
+        progress: Called before each drive with the course and the number of finished drives.
+        report: Called with the name and the number of each kernel that is compiled first.
+
+    Returns:
+        What ``simloop bench slam --json`` writes.
+
+    Raises:
+        InputError: A course is unknown, or evo is not installed.
     """
     for name in names:
         if name not in COURSES:
@@ -65,7 +75,7 @@ def run(
     rows: list[dict[str, Any]] = []
     for name in names or COURSES:
         for seed in seeds:
-            said(f"{name}, seed {seed}", len(rows))
+            progress(f"{name}, seed {seed}", len(rows))
             course = COURSES[name](np.random.default_rng([seed, 0x51]))
             driven = drive(course, seed)
             rows.append({"course": name, "seed": seed, **measure(driven)})
@@ -78,10 +88,17 @@ def run(
 
 
 def summarise(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Each course over its seeds: worst errors, and whether its covariances are honest.
+    """Summarise each course over its seeds: worst errors, and consistency of the covariances.
 
-    nees_mean: of the runs' means. nees_band: where the mean of so many independent errors of three
-    degrees of freedom lies with 95 % (Bar-Shalom et al. 2001, Sec. 5.4).
+    ``nees_mean`` is the mean of the runs' means. ``nees_band`` contains, with 95 % probability, the
+    mean of that many independent errors with three degrees of freedom, if the covariances are
+    right (Bar-Shalom et al. 2001, Sec. 5.4).
+
+    Args:
+        rows: Figures of single drives, see `measure`, with ``course``.
+
+    Returns:
+        One row for each course.
     """
     summary = []
     for course in dict.fromkeys(row["course"] for row in rows):
@@ -103,13 +120,21 @@ def summarise(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def measure(driven: Drive) -> dict[str, Any]:
-    """Map what was driven, and compare with the truth."""
+    """Map the scans of a drive and compare the result with the truth.
+
+    Args:
+        driven: Scans, odometry and truth of a drive.
+
+    Returns:
+        Figures by name; lengths in m, times in ms.
+    """
     config = MappingConfig()
     mapper = GraphMapper(config, start=driven.truth[0])
     limits = np.array([driven.scans[0].range_min_m, driven.scans[0].range_max_m])
     each, keyframes = [], []
     for number, (scan, (times, poses)) in enumerate(zip(driven.scans, driven.trails, strict=True)):
         began = perf_counter()
+        # Points and beam origins in the base frame at the end of the sweep.
         points, origins = deskew(
             scan.angles_rad,
             scan.ranges_m,
@@ -147,9 +172,17 @@ def measure(driven: Drive) -> dict[str, Any]:
 
 
 def nees(mapper: GraphMapper, truth: FloatArray) -> float:
-    """Mean over the keyframes of e' P^-1 e, P the graph's own covariance; 3 where it is honest.
+    """Normalised estimation error squared: mean over the keyframes of e' P^-1 e.
 
-    The first keyframe, which is held, is left out.
+    P is the graph's own covariance; the mean is 3 if P is right. The first keyframe, which is
+    fixed, is left out.
+
+    Args:
+        mapper: The mapper after the drive.
+        truth: (k, 3) true x, y, yaw of the keyframes, m and rad, map frame.
+
+    Returns:
+        Mean NEES, without unit.
     """
     poses, covariances = np.array(mapper.graph.poses), mapper.graph.covariances()
     values = []
@@ -161,10 +194,17 @@ def nees(mapper: GraphMapper, truth: FloatArray) -> float:
 
 
 def map_quality(grid: GridMap, floor: FloorPlan) -> tuple[float, float]:
-    """Intersection over union of the free space, and how far surfaces are from true ones (p95, m).
+    """Compare a map with the true floor plan.
 
-    Free truly: what lies within the arena's bounds and in no obstacle, and is open to the way that
-    was driven, that is, connected to free cells of the map.
+    A cell is truly free if its centre lies within the arena's bounds and in no obstacle.
+
+    Args:
+        grid: The map.
+        floor: The true floor plan.
+
+    Returns:
+        Intersection over union of the free space; 95th percentile of the distance from the map's
+        surfaces to the true ones, m.
     """
     rows, cols = grid.log_odds.shape
     x = grid.origin_m[0] + (np.arange(cols) + 0.5) * grid.resolution_m
@@ -180,10 +220,12 @@ def map_quality(grid: GridMap, floor: FloorPlan) -> tuple[float, float]:
 
 
 def _from_start(start: FloatArray, odometry: FloatArray) -> FloatArray:
+    """Odometry poses (n, 3) in the map frame, with the first one at ``start`` (3,)."""
     return np.array([compose(start, between(odometry[0], pose)) for pose in odometry])
 
 
 def _evo() -> tuple[Any, Any]:
+    """evo's modules for metrics and trajectories; InputError if evo is not installed."""
     try:
         from evo.core import metrics, trajectory
     except ImportError:
@@ -192,7 +234,7 @@ def _evo() -> tuple[Any, Any]:
 
 
 def _evo_errors(truth: FloatArray, found: FloatArray) -> tuple[float, float]:
-    """ATE after alignment, and RPE over a metre of way, both RMS, m."""
+    """ATE after alignment, and RPE over one metre of path, both RMS, m; poses (n, 3)."""
     metrics, trajectory = _evo()
 
     def path(poses: FloatArray) -> Any:
@@ -215,7 +257,12 @@ def _evo_errors(truth: FloatArray, found: FloatArray) -> tuple[float, float]:
 
 
 def print_figures(console: Console, figures: dict[str, Any]) -> None:
-    """One row a course."""
+    """Print a table with one row for each drive, then one with a row for each course.
+
+    Args:
+        console: Where to print.
+        figures: What `run` returned.
+    """
     rows = [
         [row["course"], str(row["seed"]), *(f"{row[key]:.4g}" for key in _COLUMNS)]
         for row in figures["courses"]

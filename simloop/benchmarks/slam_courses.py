@@ -1,7 +1,7 @@
-"""Courses on which the mapper is measured: an arena, and the way that a robot is driven through it.
+"""Courses on which the mapper is measured: an arena and the route that the robot is driven.
 
-Each is drawn from a seed. All walls are boxes, 0.2 m thick; the way is a chain of straight pieces
-that keeps clear of everything.
+Each course is drawn from a seed. Walls are boxes 0.2 m thick. The route is a chain of straight
+segments that keeps clear of everything.
 """
 
 from __future__ import annotations
@@ -18,23 +18,36 @@ from simloop.messages import FloatArray
 
 _WALL_M = 0.2
 _HEIGHT_M = 0.5
-_CLEAR_M = 0.65  # between the way and what stands about
+_CLEAR_M = 0.65  # between the route and an obstacle's circumscribed circle
+_DOOR_M = 1.5
 Box = tuple[float, float, float, float]
-"""x, y of the middle, length along x, width along y, m."""
+"""x, y of the centre, size along x, size along y, m, map frame."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Course:
-    """boxes: walls and things; way: (n, 2) corners; bounds: x_min, y_min, x_max, y_max, m."""
+    """An arena and a route through it.
+
+    Attributes:
+        name: Name of the course.
+        boxes: Walls and obstacles.
+        route_m: (n, 2) corners of the route, m, map frame.
+        bounds: x_min, y_min, x_max, y_max, m, map frame.
+        zones: Areas with other friction.
+    """
 
     name: str
     boxes: tuple[Box, ...]
-    way: FloatArray
+    route_m: FloatArray
     bounds: tuple[float, float, float, float]
     zones: tuple[FrictionZone, ...] = ()
 
     def to_mjcf(self) -> str:
-        """The arena, as ``arena.build`` takes it from a file."""
+        """Write the arena in MuJoCo's format.
+
+        Returns:
+            An XML document that `simloop.worlds.arena.build` reads from a file.
+        """
         x0, y0, x1, y1 = self.bounds
         geoms = "\n".join(
             f'<geom name="wall_{k}" type="box" pos="{x:.4f} {y:.4f} {0.5 * _HEIGHT_M}" '
@@ -51,7 +64,7 @@ class Course:
 
 
 def _walls(x0: float, y0: float, x1: float, y1: float) -> list[Box]:
-    """A rectangle of walls whose inner faces are at these places."""
+    """Four walls whose inner faces lie on this rectangle, m."""
     x, y, w = 0.5 * (x0 + x1), 0.5 * (y0 + y1), _WALL_M
     return [
         (x, y0 - 0.5 * w, x1 - x0 + 2 * w, w),
@@ -61,24 +74,25 @@ def _walls(x0: float, y0: float, x1: float, y1: float) -> list[Box]:
     ]
 
 
-def _things(
-    rng: np.random.Generator, bounds: Box, way: FloatArray, count: int, tries: int = 400
+def _obstacles(
+    rng: np.random.Generator, bounds: Box, route: FloatArray, count: int, tries: int = 400
 ) -> list[Box]:
-    """Boxes of 0.2 to 0.9 m that keep clear of the way."""
+    """Boxes with sides of 0.2 to 0.9 m that keep clear of the route."""
     found: list[Box] = []
     for _ in range(tries):
         if len(found) == count:
             break
         dx, dy = rng.uniform(0.2, 0.9, 2)
         x, y = rng.uniform(bounds[0], bounds[2]), rng.uniform(bounds[1], bounds[3])
-        if _distance_to_way(np.array([x, y]), way) > _CLEAR_M + 0.5 * math.hypot(dx, dy):
+        if _distance_to_route(np.array([x, y]), route) > _CLEAR_M + 0.5 * math.hypot(dx, dy):
             found.append((float(x), float(y), float(dx), float(dy)))
     return found
 
 
-def _distance_to_way(point: FloatArray, way: FloatArray) -> float:
+def _distance_to_route(point: FloatArray, route: FloatArray) -> float:
+    """Distance from a point (2,) to a polyline (n, 2), m."""
     best = math.inf
-    for a, b in pairwise(way):
+    for a, b in pairwise(route):
         along = b - a
         share = np.clip((point - a) @ along / max(1e-12, along @ along), 0.0, 1.0)
         best = min(best, float(np.hypot(*(a + share * along - point))))
@@ -86,35 +100,56 @@ def _distance_to_way(point: FloatArray, way: FloatArray) -> float:
 
 
 def room(rng: np.random.Generator) -> Course:
-    """8 m x 8 m with things in it; three times round."""
+    """A room of 8 m x 8 m with obstacles, driven round three times.
+
+    Args:
+        rng: Source of the obstacles.
+
+    Returns:
+        The course.
+    """
     bounds = (-4.0, -4.0, 4.0, 4.0)
     ring = 2.4 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    way = np.vstack([ring, ring, ring, ring[:1]])
-    return Course("room", (*_walls(*bounds), *_things(rng, bounds, way, 8)), way, bounds)
+    route = np.vstack([ring, ring, ring, ring[:1]])
+    return Course("room", (*_walls(*bounds), *_obstacles(rng, bounds, route, 8)), route, bounds)
 
 
 def ice(rng: np.random.Generator) -> Course:
-    """The room with patches of a sixth of the friction, one under each side of the way."""
+    """The course `room` with four slippery patches, one under each side of the route.
+
+    Args:
+        rng: Source of the obstacles.
+
+    Returns:
+        The course.
+    """
     plain = room(rng)
     zones = tuple(
         FrictionZone((float(x) - 0.8, float(y) - 0.8), (float(x) + 0.8, float(y) + 0.8), 0.1)
         for x, y in ((2.4, 0.0), (-2.4, 0.5), (0.3, 2.4), (-0.5, -2.4))
     )
-    return Course("ice", plain.boxes, plain.way, plain.bounds, zones)
+    return Course("ice", plain.boxes, plain.route_m, plain.bounds, zones)
 
 
 def corridor(rng: np.random.Generator) -> Course:
-    """30 m x 2 m with a recess or a pillar every few metres; there and back.
+    """A corridor of 30 m x 2 m with a pillar every three metres, driven there and back.
 
-    The laser sees 12 m: in the middle neither end is in sight.
+    The laser's range is 12 m, so that neither end is in sight from the middle.
+
+    Args:
+        rng: Source of the pillars.
+
+    Returns:
+        The course.
     """
     bounds = (0.0, -1.0, 30.0, 1.0)
-    way = np.array([[1.0, 0.0], [29.0, 0.0], [29.0, 0.1], [1.0, 0.1]])
+    route = np.array([[1.0, 0.0], [29.0, 0.0], [29.0, 0.1], [1.0, 0.1]])
     boxes = [*_walls(*bounds), *_pillars(rng, np.arange(3.0, 29.0, 3.0))]
-    return Course("corridor", tuple(boxes), way, bounds)
+    return Course("corridor", tuple(boxes), route, bounds)
 
 
 def _pillars(rng: np.random.Generator, places: FloatArray) -> list[Box]:
+    """Pillars at the sides of a corridor of 2 m along +x, near these positions along it, m."""
     sides = rng.choice([-1.0, 1.0], len(places))
     sizes = rng.uniform(0.15, 0.3, len(places))
     off = rng.uniform(-0.8, 0.8, len(places))
@@ -125,13 +160,21 @@ def _pillars(rng: np.random.Generator, places: FloatArray) -> list[Box]:
 
 
 def loop(rng: np.random.Generator) -> Course:
-    """A ring of corridors, 60 m along its middle and 2 m wide; once round and 6 m more."""
+    """A ring of corridors, 60 m long and 2 m wide, driven round once and 6 m more.
+
+    Args:
+        rng: Source of the pillars.
+
+    Returns:
+        The course.
+    """
     half = 7.5
     bounds = (-half - 1.0, -half - 1.0, half + 1.0, half + 1.0)
     inner = half - 1.0
     ring = half * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    way = np.vstack([[0.0, -half], ring[1:], ring[0], [6.0, -half]])
+    route = np.vstack([[0.0, -half], ring[1:], ring[0], [6.0, -half]])
     boxes = [*_walls(*bounds), (0.0, 0.0, 2.0 * inner, 2.0 * inner)]
+    # The pillars of the lower corridor, rotated by quarter turns onto the four sides.
     for side in range(4):
         turn = 0.5 * math.pi * side
         for x, y, dx, dy in _pillars(rng, np.arange(-5.5, 6.0, 2.75)):
@@ -139,24 +182,31 @@ def loop(rng: np.random.Generator) -> Course:
             px, py = x, y - half
             size = (dx, dy) if side % 2 == 0 else (dy, dx)
             boxes.append((cos * px - sin * py, sin * px + cos * py, *size))
-    return Course("loop", tuple(boxes), way, bounds)
+    return Course("loop", tuple(boxes), route, bounds)
 
 
 def office(rng: np.random.Generator) -> Course:
-    """20 m x 20 m: sixteen rooms, doors along a random tree, things in each; all are visited."""
+    """An office of 20 m x 20 m: sixteen rooms with doors along a random tree, all visited.
+
+    Args:
+        rng: Source of the doors and the obstacles.
+
+    Returns:
+        The course.
+    """
     count, size = 4, 5.0
     half = 0.5 * count * size
     bounds = (-half, -half, half, half)
-    doors, way_rooms = _tree(rng, count)
+    doors, room_sequence = _tree(rng, count)
     centre = {
         (i, j): np.array([(i + 0.5) * size - half, (j + 0.5) * size - half])
         for i in range(count)
         for j in range(count)
     }
-    corners = [centre[way_rooms[0]]]
-    for a, b in pairwise(way_rooms):
+    corners = [centre[room_sequence[0]]]
+    for a, b in pairwise(room_sequence):
         corners += [doors[frozenset((a, b))] * size - half, centre[b]]
-    way = np.array(corners)
+    route = np.array(corners)
     boxes = [*_walls(*bounds)]
     for i in range(count):
         for j in range(count):
@@ -164,8 +214,8 @@ def office(rng: np.random.Generator) -> Course:
                 if max(other) < count:
                     door = doors.get(frozenset(((i, j), other)))
                     boxes += _wall_between((i, j), other, door, size, half)
-    boxes += _things(rng, bounds, way, 70, 1500)
-    return Course("office", tuple(boxes), way, bounds)
+    boxes += _obstacles(rng, bounds, route, 70, 1500)
+    return Course("office", tuple(boxes), route, bounds)
 
 
 _Room = tuple[int, int]
@@ -174,36 +224,36 @@ _Room = tuple[int, int]
 def _tree(
     rng: np.random.Generator, count: int
 ) -> tuple[dict[frozenset[_Room], FloatArray], list[_Room]]:
-    """Doors of a random spanning tree, in rooms' sides, and the walk that visits every room."""
+    """Doors of a random spanning tree, in room sizes, and a sequence that visits every room."""
     doors: dict[frozenset[_Room], FloatArray] = {}
     start = (0, 0)
-    walk, stack, seen = [start], [start], {start}
+    visits, stack, seen = [start], [start], {start}  # depth-first search
     while stack:
         i, j = stack[-1]
-        ways = [
+        options = [
             (i + di, j + dj)
             for di, dj in ((1, 0), (0, 1), (-1, 0), (0, -1))
             if 0 <= i + di < count and 0 <= j + dj < count and (i + di, j + dj) not in seen
         ]
-        if not ways:
+        if not options:  # back to the room before
             stack.pop()
             if stack:
-                walk.append(stack[-1])
+                visits.append(stack[-1])
             continue
-        to = ways[int(rng.integers(len(ways)))]
+        to = options[int(rng.integers(len(options)))]
         place = 0.5 * (np.array([i, j]) + np.array(to)) + 0.5
         place[1 if to[0] != i else 0] += rng.uniform(-0.2, 0.2)
         doors[frozenset(((i, j), to))] = place
         seen.add(to)
-        walk.append(to)
+        visits.append(to)
         stack.append(to)
-    return doors, walk
+    return doors, visits
 
 
 def _wall_between(
     a: _Room, b: _Room, door: FloatArray | None, size: float, half: float
 ) -> list[Box]:
-    """The wall between two rooms, with a gap of 1.5 m at the door."""
+    """The wall between two rooms, with a gap at the door if there is one."""
     across = 0 if a[0] != b[0] else 1
     along = 1 - across
     at = b[across] * size - half
@@ -211,7 +261,7 @@ def _wall_between(
     pieces = [(low, high)]
     if door is not None:
         middle = door[along] * size - half
-        pieces = [(low, middle - 0.75), (middle + 0.75, high)]
+        pieces = [(low, middle - 0.5 * _DOOR_M), (middle + 0.5 * _DOOR_M, high)]
     boxes = []
     for start, end in pieces:
         place, extent = 0.5 * (start + end), end - start

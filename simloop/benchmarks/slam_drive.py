@@ -1,7 +1,7 @@
-"""A robot driven along a course by someone who knows the truth: what its sensors say on the way.
+"""A drive along a course by a driver who knows the true pose, with the sensor data of the drive.
 
-The plant, the encoders, the gyro and the swept laser are those of every run. The driver follows
-the way by the true pose, so that what is measured afterwards is the mapper and nothing else.
+Plant, encoders, gyro and swept laser are those of every run. The driver follows the route by the
+true pose, so that only the mapper is measured afterwards.
 """
 
 from __future__ import annotations
@@ -24,16 +24,30 @@ from simloop.worlds.arena import build
 from simloop.worlds.cross_section import floor_plan
 from simloop.worlds.floor_plan import FloorPlan
 
-_SPEED_MPS, _MOST_RATE = 0.4, 0.8
-_LOOK_M, _NEAR_M = 0.5, 0.25
-_GAUGE_RATIO = 1.25  # by which the driver asks more of the tracks than a wheeled robot's would need
+_SPEED_MPS, _MOST_RATE_RADPS = 0.4, 0.8
+_LOOKAHEAD_M, _NEAR_M = 0.5, 0.25
+# Tracks slip when turning: they need a larger difference of speed than wheels would.
+_GAUGE_RATIO = 1.25
+_HEADING_GAIN_1PS = 2.5
+_STOP_OFF_RAD = 0.7  # heading error at which the driver turns on the spot
+_SPIN_GAIN = 3.0  # V per rad/s
 _LIMIT_S = 1800.0
-_STILL_S = 1.0  # at the start, for the gyro's bias
+_STILL_S = 1.0  # at rest at the start, to estimate the gyro's bias
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drive:
-    """scans, each with odometry's trail over its sweep: t_ns (k,), poses (k, 3). truth: (n, 3)."""
+    """The data of one drive.
+
+    Attributes:
+        scans: The LiDAR's scans.
+        trails: For each scan the odometry over its sweep: t_ns (k,), poses x, y, yaw (k, 3), m and
+            rad, odometry frame.
+        truth: (n, 3) true x, y, yaw at the end of each scan, m and rad, map frame.
+        laser: (3,) mounting pose of the laser in base_link, m and rad.
+        floor: The true floor plan.
+        done: Whether the route was driven to its end.
+    """
 
     scans: list[LidarScan]
     trails: list[tuple[np.ndarray, FloatArray]]
@@ -44,7 +58,15 @@ class Drive:
 
 
 def drive(course: Course, seed: int) -> Drive:
-    """Drive the course from its first corner to its last, looking along the way at the start."""
+    """Drive a course from the first corner of its route to the last.
+
+    Args:
+        course: The course.
+        seed: Seed of the sensors' noise.
+
+    Returns:
+        The data of the drive; it ends early after `_LIMIT_S` or at a contact.
+    """
     config = Config()
     config = replace(config, tracks=replace(config.tracks, zones=course.zones))
     with tempfile.TemporaryDirectory() as folder:
@@ -56,9 +78,9 @@ def drive(course: Course, seed: int) -> Drive:
     imu = Imu(config.imu, config.rates.control_s, imu_rng)
     lidar = Lidar(config.lidar, config.rates.lidar_s, plant.base_from_laser, lidar_rng)
     encoders, odometry = Encoders(config.encoder), _GyroOdometry(config)
-    first = course.way[1] - course.way[0]
-    start = np.array([*course.way[0], math.atan2(first[1], first[0])])
-    truth, driver = plant.reset(start), _Driver(course.way, config)
+    first = course.route_m[1] - course.route_m[0]
+    start = np.array([*course.route_m[0], math.atan2(first[1], first[0])])
+    truth, driver = plant.reset(start), _Driver(course.route_m, config)
     scans: list[LidarScan] = []
     trails, truths = [], []
     while not driver.done and truth.t_ns < _LIMIT_S * 1e9 and not truth.contact_count:
@@ -74,43 +96,51 @@ def drive(course: Course, seed: int) -> Drive:
 
 
 class _Driver:
-    """Pure pursuit of the way's straight pieces (Coulter 1992), on the true pose."""
+    """Pure pursuit of the route's straight segments (Coulter 1992), by the true pose."""
 
-    def __init__(self, way: FloatArray, config: Config) -> None:
-        self._way, self._next, self._config = way, 1, config
+    def __init__(self, route: FloatArray, config: Config) -> None:
+        self._route, self._next, self._config = route, 1, config
         self.done = False
 
     def voltage(self, truth: Truth) -> FloatArray:
-        """(2,) left, right."""
+        """Voltage for one control period.
+
+        Args:
+            truth: The true state of the robot.
+
+        Returns:
+            (2,) voltage of the left and the right motor, V.
+        """
         if truth.t_ns < _STILL_S * 1e9:
             return np.zeros(2)
         pose = truth.pose_xyyaw
-        while math.dist(pose[:2], self._way[self._next]) < _NEAR_M:
-            if self._next + 1 == len(self._way):
+        while math.dist(pose[:2], self._route[self._next]) < _NEAR_M:
+            if self._next + 1 == len(self._route):
                 self.done = True
                 return np.zeros(2)
             self._next += 1
         target = self._target(pose)
         off = wrap_angle(math.atan2(target[1] - pose[1], target[0] - pose[0]) - pose[2])
-        rate = float(np.clip(2.5 * off, -_MOST_RATE, _MOST_RATE))
-        speed = _SPEED_MPS * max(0.0, 1.0 - abs(off) / 0.7)
+        rate = float(np.clip(_HEADING_GAIN_1PS * off, -_MOST_RATE_RADPS, _MOST_RATE_RADPS))
+        speed = _SPEED_MPS * max(0.0, 1.0 - abs(off) / _STOP_OFF_RAD)
         half = 0.5 * self._config.vehicle.gauge_m * _GAUGE_RATIO * rate
         radius, motor = self._config.vehicle.sprocket_radius_m, self._config.motor
         spin = np.array([speed - half, speed + half]) / radius
-        come = truth.sprocket_radps
-        volts = motor.back_emf_v_per_radps * spin + 3.0 * (spin - come)
+        # Back EMF as feedforward plus a proportional speed loop.
+        error = spin - truth.sprocket_radps
+        volts = motor.back_emf_v_per_radps * spin + _SPIN_GAIN * error
         return np.clip(volts, -motor.supply_v, motor.supply_v)
 
     def _target(self, pose: FloatArray) -> FloatArray:
-        """A little ahead on the piece that ends at the next corner."""
-        a, b = self._way[self._next - 1], self._way[self._next]
+        """The point (2,) one look-ahead distance on, on the segment to the next corner, m."""
+        a, b = self._route[self._next - 1], self._route[self._next]
         along = (b - a) / math.dist(a, b)
-        at = float(np.clip((pose[:2] - a) @ along + _LOOK_M, 0.0, math.dist(a, b)))
+        at = float(np.clip((pose[:2] - a) @ along + _LOOKAHEAD_M, 0.0, math.dist(a, b)))
         return np.asarray(a + at * along)
 
 
 class _GyroOdometry:
-    """Way by the tracks, turn by the gyro, its bias taken while the robot stood at the start."""
+    """Dead reckoning: distance by the tracks, turn by the gyro, its bias from the time at rest."""
 
     def __init__(self, config: Config) -> None:
         turn_m = 2.0 * math.pi * config.vehicle.sprocket_radius_m
@@ -123,6 +153,12 @@ class _GyroOdometry:
         self._poses: list[FloatArray] = []
 
     def advance(self, reading: EncoderReading, rate_radps: float) -> None:
+        """Integrate one control period.
+
+        Args:
+            reading: The encoders' counts at its end.
+            rate_radps: The gyro's yaw rate, rad/s.
+        """
         last, self._last = self._last or reading, reading
         if reading.t_ns <= _STILL_S * 1e9:
             self._still.append(rate_radps)
@@ -137,7 +173,14 @@ class _GyroOdometry:
         self._poses.append(self._pose)
 
     def trail(self, scan: LidarScan) -> tuple[np.ndarray, FloatArray]:
-        """The poses over the scan's sweep, which ends now."""
+        """The poses over a scan's sweep; older ones are forgotten.
+
+        Args:
+            scan: The scan; its sweep ends now.
+
+        Returns:
+            Times (k,), ns, and poses x, y, yaw (k, 3), m and rad, odometry frame.
+        """
         first = max(0, len(self._t_ns) - 2 - int(scan.age_ns.max() * 1e-9 / self._period_s))
         times, poses = np.array(self._t_ns[first:], np.int64), np.array(self._poses[first:])
         self._t_ns, self._poses = self._t_ns[first:], self._poses[first:]

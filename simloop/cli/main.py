@@ -112,7 +112,7 @@ def list_choices() -> int:
     facts = {name: catalog.scenario_facts(path) for name, path in catalog.scenario_files().items()}
     rows = [[name, fact["title"], fact["description"]] for name, fact in facts.items()]
     print_table(console, "scenarios", ["name", "title", "description"], rows)
-    about = [[name, registry.summary(name)] for name in catalog.planner_names()]
+    about = [[name, registry.info(name).summary] for name in catalog.planner_names()]
     print_table(console, "planners", ["name", "description"], about)
     print_table(console, "arenas", ["name"], [[name] for name in catalog.arena_files()])
     return 0

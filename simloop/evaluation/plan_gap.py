@@ -1,7 +1,7 @@
 """What each replan came to, beside the exact optimum among the discs of the same view.
 
-Nothing of it enters the robot, and nothing is worked out before the run is over: the optimum takes
-some 40 ms a view.
+The robot sees nothing of it. It is computed when the run is over, because one optimum takes some
+40 ms.
 """
 
 from __future__ import annotations
@@ -15,18 +15,32 @@ from simloop.messages import FloatArray, Plan, WorldView
 from simloop.planners.reference.exact import exact_path
 from simloop.truth import Published
 
-_HERE_M = 0.01
+_SAME_PLACE_M = 0.01
 _TOUCH_M = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
 class PlanRecord:
-    """One replan. cost: J, the penalty included where it is not safe.
+    """One replan, with its gap to the exact optimum.
 
-    exact_cost: least J of a point among the view's discs from the same start; None where there is
-    none. gap_percent: what J has over it; None where the plan is not safe. The discs cover more
-    than the map's cells do, which is where most planners look: a gap below zero is a way that
-    the discs hide.
+    Attributes:
+        t_s: Simulated time of the view, s.
+        planner: Name of the planner.
+        reason: Why the plan was asked for.
+        safe: Whether the plan keeps its safe distance all along.
+        evaluations: How many paths and segments were tried.
+        generations: How many generations a population went through.
+        cost: J, the start turn included and, where the plan is not safe, the penalty.
+        length_m: Length of the polyline, m.
+        turning_rad: Sum of its turns, rad.
+        safe_distance_m: Distance from obstacles that the plan was asked to keep, m.
+        start_turn_cost: The part of ``cost`` that is the turn from the robot's heading to the
+            first segment.
+        exact_cost: Least J without a start turn, of a point among the view's discs that keeps
+            the plan's safe distance; None if there is no such path.
+        gap_percent: By how much ``cost`` without the start turn exceeds ``exact_cost``, %; None
+            if the plan is not safe. The discs cover more than the map's cells do, in which most
+            planners plan, so the gap may be below zero.
     """
 
     t_s: float
@@ -38,12 +52,14 @@ class PlanRecord:
     cost: float
     length_m: float
     turning_rad: float
+    safe_distance_m: float
+    start_turn_cost: float
     exact_cost: float | None
     gap_percent: float | None
 
 
 class PlanLog:
-    """Hears a run's messages and keeps the plans with the views that they were made in."""
+    """Listens to a run's messages and keeps the plans with the views that they were made in."""
 
     def __init__(self, config: PlannerConfig) -> None:
         self._config = config
@@ -51,19 +67,33 @@ class PlanLog:
         self._views: dict[int, WorldView] = {}
 
     def offer(self, message: Published) -> None:
-        """Take one message."""
+        """Take one message.
+
+        Args:
+            message: Any message of the run; plans and views are kept.
+        """
         if isinstance(message, Plan):
             self._plans.append(message)
         elif isinstance(message, WorldView):
             self._views[message.t_ns] = message
 
     def records(self) -> list[PlanRecord]:
-        """All replans so far, the first plan included."""
+        """Compute the records of all plans so far, the first plan included.
+
+        Returns:
+            One record a plan, in order.
+        """
         return [self._record(plan, self._views[plan.t_ns]) for plan in self._plans]
 
     def _record(self, plan: Plan, view: WorldView) -> PlanRecord:
-        best = least_cost(self._config, view, plan.waypoints_m[0], plan.waypoints_m[-1])
-        gap = 100.0 * (plan.cost / best - 1.0) if plan.safe and best else None
+        best = least_cost(
+            self._config,
+            view,
+            plan.waypoints_m[0],
+            plan.waypoints_m[-1],
+            safe_distance_m=plan.safe_distance_m,
+        )
+        gap = 100.0 * (plan.path_cost / best - 1.0) if plan.safe and best else None
         return PlanRecord(
             t_s=plan.t_ns * 1e-9,
             planner=plan.planner,
@@ -74,29 +104,49 @@ class PlanLog:
             cost=plan.cost,
             length_m=plan.length_m,
             turning_rad=plan.turning_rad,
+            safe_distance_m=plan.safe_distance_m,
+            start_turn_cost=plan.start_turn_cost,
             exact_cost=best,
             gap_percent=gap,
         )
 
 
 def least_cost(
-    config: PlannerConfig, view: WorldView, start: FloatArray, goal: FloatArray
+    config: PlannerConfig,
+    view: WorldView,
+    start: FloatArray,
+    goal: FloatArray,
+    *,
+    safe_distance_m: float,
 ) -> float | None:
-    """Least J of a point among the view's discs. A disc nearer to an end than the safe distance is
-    taken for as much smaller as that end asks for: the robot stands there already."""
-    if np.hypot(*(goal - start)) < _HERE_M:
+    """Return the least J of a point among a view's discs, without a start turn.
+
+    A disc that is nearer to an end than the safe distance is made smaller until the end keeps it,
+    because the robot stands there already.
+
+    Args:
+        config: The weights of length and turning.
+        view: The view that was planned in, in map.
+        start: (2,) x, y in map, m.
+        goal: (2,) x, y in map, m.
+        safe_distance_m: Distance from the discs that a path has to keep, m.
+
+    Returns:
+        J of the exact optimum; None if there is no path, or if start and goal are the same place.
+    """
+    if np.hypot(*(goal - start)) < _SAME_PLACE_M:
         return None
     discs = view.discs_xyr_m.copy()
     for end in (start, goal):
-        room = np.hypot(*(discs[:, :2] - end).T) - config.safe_distance_m - _TOUCH_M
+        room = np.hypot(*(discs[:, :2] - end).T) - safe_distance_m - _TOUCH_M
         discs[:, 2] = np.minimum(discs[:, 2], room)
-    discs = discs[discs[:, 2] > -config.safe_distance_m]
+    discs = discs[discs[:, 2] > -safe_distance_m]
     found = exact_path(
         discs,
         view.bounds_m,
         start,
         goal,
-        safe_m=config.safe_distance_m,
+        safe_m=safe_distance_m,
         length_weight=config.length_weight,
         turning_weight=config.turning_weight,
     )

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Plane geometry that every other package builds on."""

@@ -1,4 +1,7 @@
-"""Obstacles as discs: connected components of the occupied cells, long ones cut into pieces."""
+"""Obstacles as discs.
+
+The connected components of the occupied cells become discs; long components are cut into tiles.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,16 @@ _PIECE_M = 0.5  # a component longer than this is cut into tiles of this size
 
 
 def discs_of(occupied: np.ndarray, origin_m: FloatArray, resolution_m: float) -> FloatArray:
-    """(k, 3) x, y, r of discs in map that together cover every occupied cell of (rows, cols)."""
+    """Cover the occupied cells of a grid with discs.
+
+    Args:
+        occupied: (rows, cols) bool [iy, ix].
+        origin_m: (2,) lower left corner of cell (0, 0), in map, m.
+        resolution_m: Side of a cell, m.
+
+    Returns:
+        (k, 3) x, y, radius in map, m. Together the discs cover every occupied cell.
+    """
     if not occupied.size:
         return np.empty((0, 3))
     count, labels = cv2.connectedComponents(occupied.view(np.uint8), connectivity=8)
@@ -36,7 +48,15 @@ def discs_of(occupied: np.ndarray, origin_m: FloatArray, resolution_m: float) ->
 
 
 def on_discs(points: FloatArray, discs: FloatArray) -> NDArray[np.bool_]:
-    """(n,) which points (n, 2) lie on any of discs (k, 3) x, y, radius, in the same frame."""
+    """Tell which points lie on a disc.
+
+    Args:
+        points: (n, 2) x, y, m.
+        discs: (k, 3) x, y, radius in the same frame, m.
+
+    Returns:
+        (n,) bool, whether each point lies on any of the discs.
+    """
     apart = np.hypot(*np.moveaxis(points[:, None] - discs[:, :2], -1, 0)) - discs[:, 2]
     return np.asarray((apart <= 0.0).any(axis=1))
 

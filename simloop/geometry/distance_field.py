@@ -1,9 +1,16 @@
-"""Compiled look-ups in a distance field, shared by whoever asks how close a place is."""
+"""Look-ups in a distance field: one bilinear kernel, with an explicit rule for its border.
+
+What lies outside the field is unknown. A caller has to choose how to read it:
+
+- ``"edge"``: as far from an obstacle as the nearest point of the field. A wall that reaches the
+  border goes on outside, so a path cannot slip past the end of what has been seen.
+- ``"free"``: `FREE_M` from everything.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -11,41 +18,109 @@ from numpy.typing import NDArray
 
 from simloop.messages import FloatArray, WorldView
 
-FREE_M = 1e3  # what lies outside the field is taken to be free
+FREE_M = 1e3
+"""Clearance where nothing is known to be near, m."""
+
+Border = Literal["edge", "free"]
+"""How a look-up outside the field is answered."""
 
 
 class Field(NamedTuple):
-    """A distance field as kernels take it: distance (rows, cols) of the cells' centres, m."""
+    """A distance field in the form that compiled kernels take.
+
+    Attributes:
+        distance: (rows, cols) float32 [iy, ix], distance of each cell's centre to the nearest
+            obstacle, m.
+        x0: x of the centre of cell (0, 0), in map, m.
+        y0: y of the centre of cell (0, 0), in map, m.
+        resolution: Side of a cell, m.
+        free_outside: Whether the border is ``"free"``; else it is ``"edge"``.
+    """
 
     distance: NDArray[np.float32]
     x0: float
     y0: float
     resolution: float
+    free_outside: bool
 
 
-def field_of(view: WorldView) -> Field:
-    """The view's field; x0, y0 is the centre of cell (0, 0)."""
+def field_of(view: WorldView, *, outside: Border) -> Field:
+    """Return the distance field of a view.
+
+    Args:
+        view: The view, in map. Without a distance field everything is free.
+        outside: How a look-up outside the field is answered.
+
+    Returns:
+        The field, for `distance_at` and `footprint_clearance`.
+    """
     half = 0.5 * view.resolution_m
     x0, y0 = view.origin_m.tolist()
-    return Field(view.distance_m, x0 + half, y0 + half, view.resolution_m)
+    free_outside = outside == "free" or view.distance_m.size == 0
+    return Field(view.distance_m, x0 + half, y0 + half, view.resolution_m, free_outside)
+
+
+@njit(cache=True, forceinline=True)
+def interpolate(distance: NDArray[np.float32], u: float, v: float, free_outside: bool) -> float:
+    """Interpolate a distance field bilinearly between the centres of its cells.
+
+    Args:
+        distance: (rows, cols) [iy, ix], m; of one cell at least, unless ``free_outside``.
+        u: Column, as a fraction: 0 is the centre of the first one.
+        v: Row, as a fraction: 0 is the centre of the first one.
+        free_outside: Whether everything beyond the outermost centres is free; else the value
+            there is that of the nearest point inside.
+
+    Returns:
+        The distance, m; `FREE_M` outside if that is free.
+    """
+    rows, cols = distance.shape
+    if free_outside and not (0.0 <= u < cols - 1.0 and 0.0 <= v < rows - 1.0):
+        return FREE_M
+    u = min(max(u, 0.0), cols - 1.0)
+    v = min(max(v, 0.0), rows - 1.0)
+    # On the last row or column the cell before it is taken; a single one is its own neighbour.
+    i = min(int(u), cols - 2) if cols > 1 else 0
+    j = min(int(v), rows - 2) if rows > 1 else 0
+    i1 = min(i + 1, cols - 1)
+    j1 = min(j + 1, rows - 1)
+    a = u - i
+    b = v - j
+    low = distance[j, i] * (1.0 - a) + distance[j, i1] * a
+    high = distance[j1, i] * (1.0 - a) + distance[j1, i1] * a
+    return low * (1.0 - b) + high * b
 
 
 @njit(cache=True)
 def distance_at(field: Field, x: float, y: float) -> float:
-    """Bilinear distance, m, to the nearest obstacle at (x, y); ``FREE_M`` outside the field."""
+    """Return the distance of a point to the nearest obstacle.
+
+    Args:
+        field: The field, with the rule for its border.
+        x: Of the point, in map, m.
+        y: Of the point, in map, m.
+
+    Returns:
+        The distance, m.
+    """
     u, v = (x - field.x0) / field.resolution, (y - field.y0) / field.resolution
-    j, i = math.floor(u), math.floor(v)
-    if i < 0 or j < 0 or i + 1 >= field.distance.shape[0] or j + 1 >= field.distance.shape[1]:
-        return FREE_M
-    a, b = u - j, v - i
-    low = (1.0 - a) * field.distance[i, j] + a * field.distance[i, j + 1]
-    high = (1.0 - a) * field.distance[i + 1, j] + a * field.distance[i + 1, j + 1]
-    return (1.0 - b) * low + b * high
+    return interpolate(field.distance, u, v, field.free_outside)
 
 
 @njit(cache=True)
 def footprint_clearance(field: Field, x: float, y: float, yaw: float, offsets: FloatArray) -> float:
-    """Least distance, m, over the footprint's disc centres (n,) m along the heading of a pose."""
+    """Return the least distance of the footprint's discs to the nearest obstacle.
+
+    Args:
+        field: The field, with the rule for its border.
+        x: Of base_link, in map, m.
+        y: Of base_link, in map, m.
+        yaw: Of base_link, in map, rad.
+        offsets: (n,) where the centres of the discs lie along the robot's heading, m.
+
+    Returns:
+        The least distance of any disc's centre, m.
+    """
     least = FREE_M
     cos, sin = math.cos(yaw), math.sin(yaw)
     for k in range(offsets.shape[0]):

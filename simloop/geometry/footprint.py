@@ -1,4 +1,4 @@
-"""The rectangular footprint among points: distances and free arcs."""
+"""The rectangular footprint among points: distances, and how far a motion is free."""
 
 from __future__ import annotations
 
@@ -17,14 +17,32 @@ _HALVINGS = 4
 
 @njit(cache=True)
 def rectangle_distance(x: float, y: float, half_length: float, half_width: float) -> float:
-    """Signed distance, m, from the point (x, y) to a rectangle about the origin; < 0 inside."""
+    """Return the signed distance from a point to a rectangle about the origin.
+
+    Args:
+        x: Of the point, in the rectangle's frame, m.
+        y: Of the point, in the rectangle's frame, m.
+        half_length: Half the rectangle's side along x, m.
+        half_width: Half the rectangle's side along y, m.
+
+    Returns:
+        The distance, m; negative inside.
+    """
     dx, dy = abs(x) - half_length, abs(y) - half_width
     return math.hypot(max(dx, 0.0), max(dy, 0.0)) + min(max(dx, dy), 0.0)
 
 
 @njit(cache=True)
 def arc_end(ahead: float, turned: float) -> tuple[float, float]:
-    """x, y, m, after an arc ``ahead`` m long and ``turned`` rad round, from the origin along x."""
+    """Return where an arc from the origin ends that starts along x.
+
+    Args:
+        ahead: Length of the arc, m.
+        turned: By how much the heading turns along it, rad.
+
+    Returns:
+        x, y of the end, m.
+    """
     if abs(turned) > 1e-9:
         return ahead / turned * math.sin(turned), ahead / turned * (1.0 - math.cos(turned))
     return ahead, 0.0
@@ -32,7 +50,16 @@ def arc_end(ahead: float, turned: float) -> tuple[float, float]:
 
 @njit(cache=True)
 def points_in(pose: FloatArray, seen_from: FloatArray, points: FloatArray) -> FloatArray:
-    """(n, 2) points given in the frame ``seen_from`` (3,), expressed in the frame ``pose`` (3,)."""
+    """Express points in another frame.
+
+    Args:
+        pose: (3,) x, y, yaw of the frame that is wanted, m, m, rad.
+        seen_from: (3,) x, y, yaw of the frame that the points are given in.
+        points: (n, 2) x, y in the frame ``seen_from``, m.
+
+    Returns:
+        (n, 2) the same points in the frame ``pose``, m.
+    """
     out = np.empty_like(points)
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     dx, dy = seen_from[0] - pose[0], seen_from[1] - pose[1]
@@ -46,8 +73,15 @@ def points_in(pose: FloatArray, seen_from: FloatArray, points: FloatArray) -> Fl
 
 @njit(cache=True)
 def nearer_than(points: FloatArray, reach: float) -> FloatArray:
-    """(k, 2) of the points (n, 2), in their place: those no farther than ``reach`` m from the
-    origin."""
+    """Keep the points within a distance of the origin; the array given is overwritten.
+
+    Args:
+        points: (n, 2) x, y, m.
+        reach: The distance, m.
+
+    Returns:
+        (k, 2) the points kept: a view of the first rows of ``points``.
+    """
     k = 0
     for i in range(points.shape[0]):
         if points[i, 0] ** 2 + points[i, 1] ** 2 <= reach * reach:
@@ -58,7 +92,16 @@ def nearer_than(points: FloatArray, reach: float) -> FloatArray:
 
 @njit(cache=True)
 def near_points(points: FloatArray, pose: FloatArray, near_m: float) -> FloatArray:
-    """(k, 2) in map, of points (n, 2) seen from ``pose`` (3,): those within ``near_m``."""
+    """Express in map the points that lie within a distance of where they were seen from.
+
+    Args:
+        points: (n, 2) x, y in the frame of ``pose``, m.
+        pose: (3,) x, y, yaw in map, m, m, rad.
+        near_m: The distance, m.
+
+    Returns:
+        (k, 2) the near ones, in map, m.
+    """
     out, k = np.empty_like(points), 0
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     for i in range(points.shape[0]):
@@ -79,8 +122,7 @@ def _hindered(
     half_width: float,
     margin: float,
 ) -> bool:
-    """Whether the footprint is within ``margin`` of a point, and nearer than it was, at the end
-    of an arc ``ahead`` m long and ``turned`` rad round."""
+    """Whether the footprint is within a margin of a point, and nearer than before, after an arc."""
     cx, cy = arc_end(ahead, turned)
     cos, sin = math.cos(turned), math.sin(turned)
     reach = math.hypot(half_length, half_width) + margin
@@ -108,7 +150,7 @@ def _free_of(
     margin: float,
     steps: int,
 ) -> float:
-    """``free_fraction`` as far as that many steps along the arc can tell."""
+    """What `free_fraction` returns, as far as that many steps along the arc can tell."""
     for step in range(1, steps + 1):
         f = step / steps
         if _hindered(points, f * ahead, f * turned, half_length, half_width, margin):
@@ -125,7 +167,17 @@ def _free_of(
 
 @njit(cache=True)
 def within(points: FloatArray, half_length: float, half_width: float, margin: float) -> FloatArray:
-    """(k, 2) of the points (n, 2), in base_link, that are nearer to the footprint than a margin."""
+    """Select the points that are nearer to the footprint than a margin.
+
+    Args:
+        points: (n, 2) x, y in base_link, m.
+        half_length: Half the footprint's length, m.
+        half_width: Half the footprint's width, m.
+        margin: The margin, m.
+
+    Returns:
+        (k, 2) the points within it, in base_link, m.
+    """
     out, k = np.empty_like(points), 0
     for i in range(points.shape[0]):
         if rectangle_distance(points[i, 0], points[i, 1], half_length, half_width) < margin:
@@ -143,11 +195,21 @@ def free_fraction(
     half_width: float,
     margin: float,
 ) -> float:
-    """How much of a motion, 0 to 1, is free before the footprint is within ``margin`` of a point.
+    """Return how much of a motion is free before the footprint comes within a margin of a point.
 
-    points: (n, 2) in base_link now. The motion is an arc, ``ahead`` m long and ``turned`` rad
-    round. A point that is within the margin already hinders only what brings it nearer; there the
-    margin makes good nothing that lies between two steps, and they are finer.
+    The motion is an arc. A point that is within the margin already hinders only what brings it
+    nearer. No margin makes up for what lies between two steps there, so the steps are finer.
+
+    Args:
+        points: (n, 2) x, y in base_link as it stands now, m.
+        ahead: Length of the arc, m; negative backwards.
+        turned: By how much the heading turns along it, rad.
+        half_length: Half the footprint's length, m.
+        half_width: Half the footprint's width, m.
+        margin: Distance that is to be kept from the points, m.
+
+    Returns:
+        The free part of the motion, 0 to 1.
     """
     steps = math.ceil(max(abs(ahead) / _STEP_M, abs(turned) / _STEP_RAD))
     free = _free_of(points, ahead, turned, half_length, half_width, margin, steps)
@@ -162,8 +224,18 @@ def free_fraction(
 def room_after(
     points: FloatArray, ahead: float, turned: float, half_length: float, half_width: float
 ) -> float:
-    """m from the footprint to the nearest of the points (n, 2), in base_link before, at the end
-    of an arc ``ahead`` m long and ``turned`` rad round."""
+    """Return the distance from the footprint to the nearest point once an arc has been driven.
+
+    Args:
+        points: (n, 2) x, y in base_link before the motion, m.
+        ahead: Length of the arc, m; negative backwards.
+        turned: By how much the heading turns along it, rad.
+        half_length: Half the footprint's length, m.
+        half_width: Half the footprint's width, m.
+
+    Returns:
+        The signed distance, m; inf if there are no points.
+    """
     end = np.array((*arc_end(ahead, turned), turned))
     seen, least = points_in(end, np.zeros(3), points), np.inf
     for i in range(seen.shape[0]):

@@ -1,7 +1,7 @@
-"""Planar rigid motions: a pose (x, y, yaw) is the transform ``a_from_b`` of SE(2), m, m, rad.
+"""Plane rigid motions: a pose (x, y, yaw) is the transform ``a_from_b`` of SE(2), m, m, rad.
 
-The ``*_xyt`` kernels take and return scalars, so that other compiled kernels can call them
-without an array in between; the functions without the suffix take (3,) arrays.
+The ``*_xyt`` kernels take and return scalars, so that compiled kernels can call them without an
+array in between. The functions without the suffix take (3,) arrays.
 """
 
 from __future__ import annotations
@@ -18,7 +18,14 @@ TWO_PI = 2.0 * math.pi
 
 @njit(cache=True)
 def wrap_angle(angle: float) -> float:
-    """The same angle in (-pi, pi]; exact, since fmod is. NaN and inf give NaN."""
+    """Wrap an angle to (-pi, pi]. The result is exact, because fmod is.
+
+    Args:
+        angle: Any angle, rad.
+
+    Returns:
+        The same angle in (-pi, pi], rad; NaN for NaN and for infinity.
+    """
     wrapped: float = np.fmod(angle, TWO_PI)
     if wrapped > math.pi:
         wrapped -= TWO_PI
@@ -28,7 +35,14 @@ def wrap_angle(angle: float) -> float:
 
 
 def wrap_angles(angles: FloatArray) -> FloatArray:
-    """``wrap_angle`` of every element of an array of any shape, as a new array."""
+    """Wrap every element of an array to (-pi, pi].
+
+    Args:
+        angles: Angles of any shape, rad.
+
+    Returns:
+        A new array of the same shape, rad.
+    """
     wrapped = np.fmod(angles, TWO_PI)
     wrapped = np.where(wrapped > math.pi, wrapped - TWO_PI, wrapped)
     return np.where(wrapped <= -math.pi, wrapped + TWO_PI, wrapped)
@@ -38,14 +52,35 @@ def wrap_angles(angles: FloatArray) -> FloatArray:
 def compose_xyt(
     ax: float, ay: float, at: float, bx: float, by: float, bt: float
 ) -> tuple[float, float, float]:
-    """Pose a after pose b: a_from_c = a_from_b * b_from_c, yaw wrapped."""
+    """Compose two poses: a_from_c = a_from_b * b_from_c.
+
+    Args:
+        ax: x of a_from_b, m.
+        ay: y of a_from_b, m.
+        at: Yaw of a_from_b, rad.
+        bx: x of b_from_c, m.
+        by: y of b_from_c, m.
+        bt: Yaw of b_from_c, rad.
+
+    Returns:
+        x, y, yaw of a_from_c, m, m, rad; yaw wrapped.
+    """
     cos, sin = math.cos(at), math.sin(at)
     return ax + cos * bx - sin * by, ay + sin * bx + cos * by, wrap_angle(at + bt)
 
 
 @njit(cache=True)
 def inverse_xyt(x: float, y: float, yaw: float) -> tuple[float, float, float]:
-    """b_from_a of a_from_b."""
+    """Invert a pose: b_from_a of a_from_b.
+
+    Args:
+        x: x of a_from_b, m.
+        y: y of a_from_b, m.
+        yaw: Yaw of a_from_b, rad.
+
+    Returns:
+        x, y, yaw of b_from_a, m, m, rad; yaw wrapped.
+    """
     cos, sin = math.cos(yaw), math.sin(yaw)
     return -cos * x - sin * y, sin * x - cos * y, wrap_angle(-yaw)
 
@@ -54,7 +89,20 @@ def inverse_xyt(x: float, y: float, yaw: float) -> tuple[float, float, float]:
 def interpolate_xyt(
     ax: float, ay: float, at: float, bx: float, by: float, bt: float, fraction: float
 ) -> tuple[float, float, float]:
-    """The pose at ``fraction`` of the way from a to b: straight in x, y; the short way in yaw."""
+    """Interpolate between two poses: straight in x and y, the short way in yaw.
+
+    Args:
+        ax: x of the first pose, m.
+        ay: y of the first pose, m.
+        at: Yaw of the first pose, rad.
+        bx: x of the second pose, m.
+        by: y of the second pose, m.
+        bt: Yaw of the second pose, rad.
+        fraction: Of the way from the first to the second, 0 to 1.
+
+    Returns:
+        x, y, yaw of the pose between them, m, m, rad; yaw wrapped.
+    """
     return (
         ax + fraction * (bx - ax),
         ay + fraction * (by - ay),
@@ -62,37 +110,54 @@ def interpolate_xyt(
     )
 
 
-@njit(cache=True)
-def transform_xy(x: float, y: float, yaw: float, px: float, py: float) -> tuple[float, float]:
-    """The point p of frame b in frame a, with (x, y, yaw) = a_from_b."""
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    return x + cos * px - sin * py, y + sin * px + cos * py
-
-
 def compose(a_from_b: FloatArray, b_from_c: FloatArray) -> FloatArray:
-    """a_from_c, (3,)."""
+    """Compose two poses.
+
+    Args:
+        a_from_b: (3,) x, y, yaw, m, m, rad.
+        b_from_c: (3,) x, y, yaw, m, m, rad.
+
+    Returns:
+        (3,) a_from_c, yaw wrapped.
+    """
     return np.array(compose_xyt(*a_from_b.tolist(), *b_from_c.tolist()))
 
 
 def inverse(a_from_b: FloatArray) -> FloatArray:
-    """b_from_a, (3,)."""
+    """Invert a pose.
+
+    Args:
+        a_from_b: (3,) x, y, yaw, m, m, rad.
+
+    Returns:
+        (3,) b_from_a, yaw wrapped.
+    """
     return np.array(inverse_xyt(*a_from_b.tolist()))
 
 
 def between(w_from_a: FloatArray, w_from_b: FloatArray) -> FloatArray:
-    """a_from_b, (3,): where b stands as seen from a."""
+    """Return where b stands as seen from a.
+
+    Args:
+        w_from_a: (3,) pose of a in a common frame w, m, m, rad.
+        w_from_b: (3,) pose of b in the same frame.
+
+    Returns:
+        (3,) a_from_b, yaw wrapped.
+    """
     return compose(inverse(w_from_a), w_from_b)
 
 
-def interpolate(start: FloatArray, end: FloatArray, fraction: float) -> FloatArray:
-    """The pose (3,) at ``fraction`` from ``start`` to ``end``, the short way in yaw."""
-    ax, ay, at = start.tolist()
-    bx, by, bt = end.tolist()
-    return np.array(interpolate_xyt(ax, ay, at, bx, by, bt, fraction))
-
-
 def transform_points(a_from_b: FloatArray, points: FloatArray) -> FloatArray:
-    """points (..., 2) of frame b in frame a, as a new array."""
+    """Express points of frame b in frame a.
+
+    Args:
+        a_from_b: (3,) x, y, yaw, m, m, rad.
+        points: (..., 2) x, y in frame b, m.
+
+    Returns:
+        (..., 2) the same points in frame a, a new array, m.
+    """
     x, y, yaw = a_from_b
     cos, sin = math.cos(yaw), math.sin(yaw)
     px, py = points[..., 0], points[..., 1]
@@ -100,12 +165,27 @@ def transform_points(a_from_b: FloatArray, points: FloatArray) -> FloatArray:
 
 
 def about_face(pose: FloatArray) -> FloatArray:
-    """The pose (3,) of whoever stands at ``pose`` (3+) and takes the rear for the front."""
+    """Return the pose of a robot that takes its rear for its front.
+
+    Args:
+        pose: (3,) or longer: x, y, yaw, m, m, rad.
+
+    Returns:
+        (3,) the same place with yaw turned by pi and wrapped.
+    """
     return np.array([pose[0], pose[1], wrap_angle(pose[2] + math.pi)])
 
 
 def compose_all(a_from_b: FloatArray, b_from_c: FloatArray) -> FloatArray:
-    """a_from_c, (N, 3), of poses (N, 3) or (3,), yaw wrapped."""
+    """Compose many poses at once.
+
+    Args:
+        a_from_b: (N, 3) or (3,) x, y, yaw, m, m, rad.
+        b_from_c: (N, 3) or (3,) x, y, yaw.
+
+    Returns:
+        (N, 3) a_from_c, yaw wrapped.
+    """
     cos, sin = np.cos(a_from_b[..., 2]), np.sin(a_from_b[..., 2])
     x, y = b_from_c[..., 0], b_from_c[..., 1]
     yaw = wrap_angles(a_from_b[..., 2] + b_from_c[..., 2])

@@ -1,4 +1,4 @@
-"""Products of small matrices, compiled."""
+"""Products of small matrices, compiled; the zeros of sparse ones are skipped."""
 
 from __future__ import annotations
 
@@ -10,13 +10,29 @@ from simloop.messages import FloatArray
 
 @njit(cache=True)
 def squared_mahalanobis(residual: FloatArray, covariance: FloatArray) -> float:
-    """r^T S^-1 r of an innovation (n,) with covariance (n, n)."""
+    """Return r^T S^-1 r of an innovation.
+
+    Args:
+        residual: (n,) innovation r.
+        covariance: (n, n) its covariance S.
+
+    Returns:
+        The squared Mahalanobis distance.
+    """
     return float(np.dot(residual, np.linalg.solve(covariance, residual)))
 
 
 @njit(cache=True)
 def product(a: FloatArray, b: FloatArray) -> FloatArray:
-    """(n, m) a b of a (n, k) and b (k, m)."""
+    """Return a b, skipping the zeros of a.
+
+    Args:
+        a: (n, k).
+        b: (k, m).
+
+    Returns:
+        (n, m) the product.
+    """
     out = np.zeros((a.shape[0], b.shape[1]))
     for i in range(a.shape[0]):
         for k in range(a.shape[1]):
@@ -29,13 +45,29 @@ def product(a: FloatArray, b: FloatArray) -> FloatArray:
 
 @njit(cache=True)
 def sandwich(a: FloatArray, b: FloatArray) -> FloatArray:
-    """(n, n) a b a^T of a (n, k) and a symmetric b (k, k); a's zeros are left out."""
+    """Return a b a^T, skipping the zeros of a.
+
+    Args:
+        a: (n, k).
+        b: (k, k), symmetric.
+
+    Returns:
+        (n, n) the product.
+    """
     return product(a, product(a, b).T)
 
 
 @njit(cache=True)
 def dot(a: FloatArray, b: FloatArray) -> float:
-    """a . b, zeros of a left out."""
+    """Return a . b, skipping the zeros of a.
+
+    Args:
+        a: (n,).
+        b: (n,).
+
+    Returns:
+        The scalar product.
+    """
     total = 0.0
     for i in range(a.shape[0]):
         if a[i] != 0.0:
@@ -45,7 +77,15 @@ def dot(a: FloatArray, b: FloatArray) -> float:
 
 @njit(cache=True)
 def times(p: FloatArray, row: FloatArray) -> FloatArray:
-    """(n,) p row of a symmetric p (n, n) and a row (n,) that is mostly zeros."""
+    """Return p row for a row that is mostly zeros.
+
+    Args:
+        p: (n, n), symmetric.
+        row: (n,).
+
+    Returns:
+        (n,) the product.
+    """
     out = np.zeros(p.shape[0])
     for k in range(row.shape[0]):
         if row[k] != 0.0:
@@ -56,7 +96,14 @@ def times(p: FloatArray, row: FloatArray) -> FloatArray:
 
 @njit(cache=True)
 def inverse_3(a: FloatArray) -> FloatArray:
-    """The inverse of a symmetric, positive definite a (3, 3), by its cofactors."""
+    """Invert a 3 x 3 matrix by its cofactors.
+
+    Args:
+        a: (3, 3), symmetric and positive definite.
+
+    Returns:
+        (3, 3) the inverse.
+    """
     out = np.empty((3, 3))
     for i in range(3):
         for j in range(3):
@@ -67,5 +114,16 @@ def inverse_3(a: FloatArray) -> FloatArray:
 
 @njit(cache=True)
 def pair_mahalanobis(r: float, s: float, a: float, b: float, c: float) -> float:
-    """Squared Mahalanobis distance of (r, s), of covariance [[a, b], [b, c]]."""
+    """Return the squared Mahalanobis distance of a pair.
+
+    Args:
+        r: First component.
+        s: Second component.
+        a: Variance of the first.
+        b: Covariance of the two.
+        c: Variance of the second.
+
+    Returns:
+        [r, s] [[a, b], [b, c]]^-1 [r, s]^T.
+    """
     return (c * r * r - 2.0 * b * r * s + a * s * s) / (a * c - b * b)

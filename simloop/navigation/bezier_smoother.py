@@ -1,11 +1,11 @@
-"""The smoother: a polyline's corners become pairs of cubic Bezier spirals.
+"""The smoother: the corners of a polyline become pairs of cubic Bezier spirals.
 
-Each corner is cut over a distance d along both its sides by two cubics that meet with equal
-tangent and curvature and join the straights with none (Yang & Sukkarieh 2010, IEEE T-RO 26(3),
-Eqs. 6-9), so that the path's curvature is continuous. The curve stays inside the corner's
-triangle and its sharpest curvature is c4 sin(b) / (d cos(b)^2), b half the turn: the larger d,
-the gentler. d starts as large as the sides allow and shrinks until the three-disc footprint
-keeps its clearance along the whole curve: clearance is never traded for smoothness.
+Each corner is cut over a distance d along both its sides by two cubics (Yang & Sukkarieh 2010,
+IEEE T-RO 26(3), Eqs. 6-9). They meet with equal tangent and curvature and join the straight parts
+with no curvature, so the curvature of the path is continuous. The curve stays inside the corner's
+triangle. Its sharpest curvature is c4 sin(b) / (d cos(b)^2), b half the turn: the larger d, the
+gentler the curve. d starts as large as the sides allow and shrinks until the discs of the
+footprint keep their clearance along the whole curve. Clearance is never given up for smoothness.
 """
 
 from __future__ import annotations
@@ -16,10 +16,11 @@ import numpy as np
 from numba import njit
 
 from simloop.config import SmootherConfig, VehicleConfig
-from simloop.geometry.distance_field import Field, field_of, footprint_clearance
+from simloop.geometry.distance_field import Field, distance_at, field_of, footprint_clearance
 from simloop.geometry.se2 import wrap_angle
 from simloop.messages import FloatArray, Plan, SmoothPath, WorldView
 from simloop.navigation.elastic_band import make_room
+from simloop.planners.problem.clearance import SAFE_WITHIN_M, START_GROWTH
 
 _C2 = 0.4 * (math.sqrt(6.0) - 1.0)
 _C3 = (_C2 + 4.0) / (7.2364 + 6.0)
@@ -32,9 +33,16 @@ _LEAD_FRACTIONS = (1.0, 0.6, 0.3)
 
 @njit(cache=True)
 def corner_controls(a: FloatArray, corner: FloatArray, b: FloatArray, d: float) -> FloatArray:
-    """(8, 2) control points of the two cubics that cut ``corner`` between a and b, all (2,).
+    """Return the control points of the two cubics that cut a corner.
 
-    Rows 0-3 lead in, rows 4-7 lead out, in the direction of travel.
+    Args:
+        a: (2,) a point on the side that leads to the corner, m.
+        corner: (2,) the corner, m.
+        b: (2,) a point on the side that leads away from it, m.
+        d: How much of each side is cut off, m.
+
+    Returns:
+        (8, 2) control points in the direction of travel, m: rows 0-3 lead in, rows 4-7 lead out.
     """
     back, ahead = a - corner, b - corner
     back /= math.hypot(back[0], back[1])
@@ -56,7 +64,13 @@ def corner_controls(a: FloatArray, corner: FloatArray, b: FloatArray, d: float) 
 
 @njit(cache=True)
 def cubic_sample(p: FloatArray, t: float, out: FloatArray) -> None:
-    """Write x, y, yaw, curvature (4,) of the cubic with control points p (4, 2) at t in [0, 1]."""
+    """Sample a cubic Bezier curve: place, heading and curvature.
+
+    Args:
+        p: (4, 2) control points, m.
+        t: Parameter, 0 to 1.
+        out: (4,) or longer; takes x, y, yaw, curvature, m, m, rad, 1/m.
+    """
     s = 1.0 - t
     first, second = np.empty(2), np.empty(2)
     for i in range(2):
@@ -76,6 +90,7 @@ def cubic_sample(p: FloatArray, t: float, out: FloatArray) -> None:
 
 @njit(cache=True)
 def _corner_clearance(controls: FloatArray, field: Field, offsets: FloatArray) -> float:
+    """Least footprint clearance along both cubics of a corner, m."""
     least, sample, n = 1e3, np.empty(4), 16
     for half in range(2):
         for step in range(n + 1):
@@ -95,11 +110,22 @@ def fit_corners(
     most: float,
     least: float,
 ) -> FloatArray:
-    """(n,) how far each corner of a polyline (n, 2) is cut, m; 0 where it is all but straight.
+    """Choose how far each corner of a polyline is cut.
 
-    preferred: clearance, m, that a gentle cut keeps; safe: that any cut keeps; where even the
-    tightest cut (``least``, m) cannot, it stays: there the robot all but turns on the spot, along
-    the polyline that the planner answers for.
+    Where even the tightest cut keeps too little clearance it is taken all the same. The robot then
+    all but turns on the spot, along the polyline that the planner has judged.
+
+    Args:
+        points: (n, 2) the polyline, in map, m.
+        field: The distance field.
+        offsets: (k,) where the footprint's discs lie along the heading, m.
+        safe: Clearance that every cut keeps, m.
+        preferred: Clearance that a gentle cut keeps, m.
+        most: Deepest cut, m.
+        least: Tightest cut, m.
+
+    Returns:
+        (n,) the cuts, m; 0 where the polyline is all but straight.
     """
     n = points.shape[0]
     cuts = np.zeros(n)
@@ -125,7 +151,16 @@ def fit_corners(
 
 @njit(cache=True)
 def sample_path(points: FloatArray, cuts: FloatArray, spacing: float) -> FloatArray:
-    """(k, 4) x, y, yaw, curvature along the polyline ``points`` (n, 2) with its corners cut."""
+    """Sample a polyline whose corners are cut.
+
+    Args:
+        points: (n, 2) the polyline, in map, m.
+        cuts: (n,) how far each corner is cut, m; 0 leaves it as it is.
+        spacing: Distance of the samples at most, m.
+
+    Returns:
+        (k, 4) x, y, yaw, curvature along the path, m, m, rad, 1/m.
+    """
     rows = [np.empty(4) for _ in range(0)]
     at = points[0].copy()
     n = points.shape[0]
@@ -162,89 +197,156 @@ def sample_path(points: FloatArray, cuts: FloatArray, spacing: float) -> FloatAr
 
 @njit(cache=True)
 def path_clearance(samples: FloatArray, field: Field, offsets: FloatArray) -> FloatArray:
-    """(k,) footprint clearance, m, at each sample (k, 3 or more): x, y, yaw."""
+    """Return the footprint's clearance at each sample of a path.
+
+    Args:
+        samples: (k, 3 or more) x, y, yaw, in map, m, m, rad.
+        field: The distance field.
+        offsets: (n,) where the footprint's discs lie along the heading, m.
+
+    Returns:
+        (k,) least distance of any disc's centre to an obstacle, m.
+    """
     out = np.empty(samples.shape[0])
     for i in range(samples.shape[0]):
         out[i] = footprint_clearance(field, samples[i, 0], samples[i, 1], samples[i, 2], offsets)
     return out
 
 
-class Smoother:
-    """Turns plans into paths that the tracker can follow."""
+@njit(cache=True)
+def keeps_distance(
+    samples: FloatArray,
+    arc: FloatArray,
+    field: Field,
+    offsets: FloatArray,
+    enough: float,
+    start_lack: float,
+) -> bool:
+    """Tell whether a path keeps a distance from obstacles, by the planner's own rule.
 
-    def __init__(
-        self, config: SmootherConfig, vehicle: VehicleConfig, safe_distance_m: float
-    ) -> None:
-        self._config, self._safe = config, safe_distance_m
+    Near a start that is too close to something, less is asked for: see `make_problem`. What the
+    footprint covers behind the start is not judged, because the robot stands there already.
+
+    Args:
+        samples: (k, 3 or more) x, y, yaw along the path, in map, m, m, rad.
+        arc: (k,) length of the path up to each sample, m.
+        field: The distance field.
+        offsets: (n,) where the footprint's discs lie along the heading, m.
+        enough: Distance of the discs' centres that is asked for, m.
+        start_lack: By how much the start itself falls short of it, m.
+
+    Returns:
+        Whether every disc keeps the distance at every sample.
+    """
+    overhang = offsets.max()
+    for i in range(samples.shape[0]):
+        cos, sin = math.cos(samples[i, 2]), math.sin(samples[i, 2])
+        for k in range(offsets.shape[0]):
+            if arc[i] + offsets[k] < 0.0:
+                continue
+            x, y = samples[i, 0] + offsets[k] * cos, samples[i, 1] + offsets[k] * sin
+            away = math.hypot(x - samples[0, 0], y - samples[0, 1]) - overhang
+            allowed = max(0.0, start_lack - START_GROWTH * max(0.0, away))
+            if distance_at(field, x, y) + allowed < enough:
+                return False
+    return True
+
+
+class Smoother:
+    """Turns plans into paths that the tracker can follow, at each plan's own safe distance."""
+
+    def __init__(self, config: SmootherConfig, vehicle: VehicleConfig) -> None:
+        self._config = config
         self._offsets = np.array(vehicle.footprint_offsets_m)
 
     def smooth(self, plan: Plan, view: WorldView, pose: FloatArray) -> SmoothPath:
-        """The path along ``plan`` from ``pose`` (3,) in map.
+        """Smooth a plan from where the robot stands.
 
-        It starts along the robot's heading where that is near enough to the plan's and the
-        clearance allows; else along the plan, and the robot turns on the spot first.
+        The path starts along the robot's heading if that is near enough to the plan's and the
+        clearance allows it. Otherwise it starts along the plan, and the robot turns on the spot
+        first.
+
+        Args:
+            plan: The polyline to follow and the safe distance that it keeps.
+            view: The view that the plan was made in.
+            pose: (3,) x, y, yaw of base_link in map, m, m, rad.
+
+        Returns:
+            The sampled path with the clearance at each sample.
         """
-        field = field_of(view)
-        points, straight = self._roomy(plan.waypoints_m, field)
+        field, safe = field_of(view, outside="edge"), plan.safe_distance_m
+        points, straight = self._with_room(plan.waypoints_m, field, safe)
         turn = wrap_angle(straight[0, 2] - pose[2])
         if abs(turn) < _STRAIGHT_RAD or abs(turn) > self._config.lead_in_max_turn_rad:
-            return self._message(plan, straight, field)
-        enough = min(self._safe, float(path_clearance(straight, field, self._offsets).min()))
+            return self._message(plan, straight, field, pose)
+        enough = min(safe, float(path_clearance(straight, field, self._offsets).min()))
         for fraction in _LEAD_FRACTIONS:
-            led = self._path(self._with_lead_in(points, pose, fraction), field)
+            led = self._path(self._with_lead_in(points, pose, fraction), field, safe)
             if path_clearance(led, field, self._offsets).min() >= enough:
-                return self._message(plan, led, field)
-        return self._message(plan, straight, field)
+                return self._message(plan, led, field, pose)
+        return self._message(plan, straight, field, pose)
 
-    def _roomy(self, waypoints: FloatArray, field: Field) -> tuple[FloatArray, FloatArray]:
+    def _with_room(
+        self, waypoints: FloatArray, field: Field, safe: float
+    ) -> tuple[FloatArray, FloatArray]:
         """The plan's points, moved to where there is room, and the path along them.
 
-        Where the plan's own points make a path of more clearance than the safety distance and
-        the moved ones do not, they stay.
+        The points stay where they are if that leaves the path more clearance than moving them,
+        and moving them does not leave the safe distance.
         """
         points = np.ascontiguousarray(waypoints)
         if self._config.extra_room_m > 0.0:
-            preferred = self._safe + self._config.extra_room_m
-            moved = make_room(points, field, self._offsets, self._safe, preferred)
-            path = self._path(moved, field)
+            preferred = safe + self._config.extra_room_m
+            moved = make_room(points, field, self._offsets, safe, preferred)
+            path = self._path(moved, field, safe)
             least = path_clearance(path, field, self._offsets).min()
-            if least >= self._safe:
+            if least >= safe:
                 return moved, path
-            plain = self._path(points, field)
+            plain = self._path(points, field, safe)
             if least >= path_clearance(plain, field, self._offsets).min():
                 return moved, path
             return points, plain
-        return points, self._path(points, field)
+        return points, self._path(points, field, safe)
 
     def _with_lead_in(self, points: FloatArray, pose: FloatArray, fraction: float) -> FloatArray:
+        """The polyline with a first leg along the robot's heading."""
         first = math.dist(points[0], points[1])
         lead = fraction * min(self._config.lead_in_m, 0.5 * first)
         ahead = points[0] + lead * np.array([math.cos(pose[2]), math.sin(pose[2])])
         return np.vstack((points[:1], ahead, points[1:]))
 
-    def _path(self, points: FloatArray, field: Field) -> FloatArray:
+    def _path(self, points: FloatArray, field: Field, safe: float) -> FloatArray:
+        """The polyline with its corners cut, sampled: (k, 4) x, y, yaw, curvature."""
         config = self._config
         points = np.ascontiguousarray(points)
         cuts = fit_corners(
             points,
             field,
             self._offsets,
-            self._safe,
-            self._safe + config.extra_room_m,
+            safe,
+            safe + config.extra_room_m,
             config.max_cut_m,
             config.min_cut_m,
         )
         return sample_path(points, cuts, config.spacing_m)
 
-    def _message(self, plan: Plan, samples: FloatArray, field: Field) -> SmoothPath:
-        clearance = path_clearance(samples, field, self._offsets)
+    def _message(
+        self, plan: Plan, samples: FloatArray, field: Field, pose: FloatArray
+    ) -> SmoothPath:
+        """The message about a sampled path (k, 4) of a robot that stands at a pose (3,)."""
         steps = np.hypot(np.diff(samples[:, 0]), np.diff(samples[:, 1]))
+        arc = np.concatenate(([0.0], np.cumsum(steps)))
+        # What the planner asks of a start: the robot's middle and its front as it stands.
+        not_behind = self._offsets[self._offsets >= 0.0]
+        here = footprint_clearance(field, samples[0, 0], samples[0, 1], pose[2], not_behind)
+        lack = max(0.0, plan.safe_distance_m - here)
+        enough = plan.safe_distance_m - SAFE_WITHIN_M
         return SmoothPath(
             t_ns=plan.t_ns,
             xy_m=samples[:, :2].copy(),
             yaw_rad=np.unwrap(samples[:, 2]),
             curvature_1pm=samples[:, 3].copy(),
-            arc_m=np.concatenate(([0.0], np.cumsum(steps))),
-            clearance_m=clearance,
-            safe=bool(clearance.min() >= self._safe - 1e-3),
+            arc_m=arc,
+            clearance_m=path_clearance(samples, field, self._offsets),
+            safe=keeps_distance(samples, arc, field, self._offsets, enough, lack),
         )

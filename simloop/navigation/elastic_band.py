@@ -1,9 +1,9 @@
-"""An elastic band: a polyline moved away from what it passes, where there is room for it.
+"""An elastic band: a polyline is moved away from what it passes, where there is room for it.
 
-The planner asks for the safety distance and no more, so its plans pass everything at just that.
-Here each waypoint looks about for a place where its two legs are cheaper: longer by little, and
-further than ``preferred`` from all obstacles for more of their length (after Quinlan & Khatib
-1993). In a gap too narrow for that the band settles near the middle.
+The planner asks for the safe distance and no more, so its plans pass everything at just that
+distance. Here each waypoint tries places nearby where its two legs cost less: a little longer,
+but with more of their length farther than ``preferred`` from all obstacles (after Quinlan & Khatib
+1993). In a gap that is too narrow for that, the band settles near the middle.
 """
 
 from __future__ import annotations
@@ -30,7 +30,19 @@ _SWEEPS = 2
 def leg_cost(
     a: FloatArray, b: FloatArray, field: Field, offsets: FloatArray, safe: float, preferred: float
 ) -> float:
-    """m: length of the leg from a to b, both (2,), and what its nearness to obstacles costs."""
+    """Return what a leg of the band costs: its length, and a price for being near obstacles.
+
+    Args:
+        a: (2,) where it begins, in map, m.
+        b: (2,) where it ends, m.
+        field: The distance field.
+        offsets: (n,) where the footprint's discs lie along the heading, m.
+        safe: Clearance below which a place is very dear, m.
+        preferred: Clearance from which on a place costs nothing, m.
+
+    Returns:
+        The cost, m.
+    """
     dx, dy = b[0] - a[0], b[1] - a[1]
     length = math.hypot(dx, dy)
     if length < 1e-6:
@@ -47,6 +59,7 @@ def leg_cost(
 
 @njit(cache=True)
 def _turn(a: FloatArray, b: FloatArray, c: FloatArray) -> float:
+    """Angle between the legs a-b and b-c, rad."""
     back = math.atan2(b[1] - a[1], b[0] - a[0])
     return abs(wrap_angle(math.atan2(c[1] - b[1], c[0] - b[0]) - back))
 
@@ -55,7 +68,7 @@ def _turn(a: FloatArray, b: FloatArray, c: FloatArray) -> float:
 def _cost_about(
     band: FloatArray, i: int, field: Field, offsets: FloatArray, safe: float, preferred: float
 ) -> float:
-    """m: what waypoint ``i`` has a say in: its two legs and the turns at their ends."""
+    """Cost, m, of what waypoint ``i`` decides: its two legs and the turns at their ends."""
     cost = leg_cost(band[i - 1], band[i], field, offsets, safe, preferred)
     cost += leg_cost(band[i], band[i + 1], field, offsets, safe, preferred)
     for k in range(max(1, i - 1), min(band.shape[0] - 2, i + 1) + 1):
@@ -67,7 +80,7 @@ def _cost_about(
 def _with_points_beside(
     points: FloatArray, field: Field, offsets: FloatArray, preferred: float
 ) -> FloatArray:
-    """The polyline (n, 2), and on each long leg the place where it is nearest to something."""
+    """The polyline (n, 2) with a point more on each long leg, where an obstacle is nearest."""
     n = points.shape[0]
     out, m = np.empty((2 * n, 2)), 1
     out[0] = points[0]
@@ -97,10 +110,17 @@ def _with_points_beside(
 def make_room(
     points: FloatArray, field: Field, offsets: FloatArray, safe: float, preferred: float
 ) -> FloatArray:
-    """(m, 2) the polyline (n, 2) with its inner waypoints where they cost least; its ends stay.
+    """Move the inner waypoints of a polyline to where they cost least; its ends stay.
 
-    offsets: (3,) m along the heading, the footprint's discs; safe < preferred: distances of
-    their centres from obstacles, m. No step is taken that costs more than it gains.
+    Args:
+        points: (n, 2) the polyline, in map, m.
+        field: The distance field.
+        offsets: (k,) where the footprint's discs lie along the heading, m.
+        safe: Clearance that is asked for, m.
+        preferred: Clearance that is sought where there is room, m; more than ``safe``.
+
+    Returns:
+        (m, 2) the band, m. No step was taken that costs more than it gains.
     """
     band = _with_points_beside(points, field, offsets, preferred)
     for step in _STEPS_M:

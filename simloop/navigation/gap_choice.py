@@ -1,9 +1,9 @@
-"""Which gaps to go through: one planner for each distance from obstacles, and a choice.
+"""Which gaps to go through: plans at up to three safe distances, and a choice between two of them.
 
-A path that is shortest at the safety distance may lead through a gap that is only just wide
-enough as far as has been seen: what is seen on arrival often closes it, and the way there and
-back is lost. So a way with more room is taken where it costs little more; and where the way
-round is long, a gap that is a little too narrow is taken after all.
+The path that is shortest at the usual safe distance may lead through a gap that is only just wide
+enough as far as it has been seen. What is seen on arrival often closes such a gap, and the way
+there and back is lost. A path with more room is therefore taken where it costs little more. Where
+the way round is long, a gap that is a little too narrow is taken after all.
 """
 
 from __future__ import annotations
@@ -15,36 +15,31 @@ import numpy as np
 
 from simloop.config import Config
 from simloop.messages import FloatArray, Plan, WorldView
-from simloop.navigation.bezier_smoother import Smoother
+from simloop.planners.protocol import PlanningTask
 from simloop.planners.registry import make_planner
 
-_LONG_WAY_ROUND_M = 0.3  # more than this saved is worth a squeeze
+_LONG_DETOUR_M = 0.3  # a detour longer than this is worth a gap that is a little too narrow
 _HARD = 5000  # evaluations of a plan after which there is no time for a second one
 
 
-class _Width:
-    """A planner and a smoother that keep the same distance from obstacles, m."""
+class GapChooser:
+    """Plans at the usual safe distance, and at another one where that is promising.
 
-    def __init__(self, config: Config, safe_distance_m: float) -> None:
-        planner = replace(config.planner, safe_distance_m=safe_distance_m)
-        self.planner = make_planner(planner, config.vehicle)
-        self.smoother = Smoother(config.smoother, config.vehicle, safe_distance_m)
-
-
-class WidthPlanner:
-    """Plans at the safety distance, and at another where that is promising."""
+    One planner serves all three distances, because planners keep nothing between two calls.
+    """
 
     def __init__(self, config: Config, rng: np.random.Generator) -> None:
         self._config, self._rng = config.planner, rng
-        safe = config.planner.safe_distance_m
-        self._squeezes = config.planner.squeeze_m > 0.0
-        self._usual = _Width(config, safe)
-        self._tight = _Width(config, safe - config.planner.squeeze_m)
-        self._roomy = _Width(config, safe + config.planner.prefer_m)
+        self._planner = make_planner(config.planner, config.vehicle)
+        usual = config.planner.safe_distance_m
+        self._usual_m = usual
+        self._tight_m = usual - config.planner.squeeze_m
+        self._roomy_m = usual + config.planner.prefer_m
+        self._tries_tight_gaps = config.planner.squeeze_m > 0.0
 
-    def distrust_tight_gaps(self) -> None:
-        """The robot has got stuck: from now on no gap below the safety distance is tried."""
-        self._squeezes = False
+    def stop_trying_tight_gaps(self) -> None:
+        """Plan no longer below the usual safe distance, from now on: the robot has got stuck."""
+        self._tries_tight_gaps = False
 
     def plan(
         self,
@@ -53,37 +48,55 @@ class WidthPlanner:
         goal: FloatArray,
         previous: Plan | None,
         reason: str,
-    ) -> tuple[Plan, Smoother]:
-        """The plan from ``pose`` (3,) to ``goal`` (2,), both in map, and the smoother that goes
-        with it. The plan's evaluations are those of all that was tried."""
-        spent = 0
+    ) -> Plan:
+        """Plan at the usual safe distance and, if that is promising, at another one.
 
-        def plan_with(width: _Width) -> Plan:
-            nonlocal spent
-            found = width.planner.plan(
-                view, pose, goal, self._rng, previous=previous, reason=reason
-            )
-            spent += found.evaluations
-            return found
+        Args:
+            view: What is known of the obstacles, in map.
+            pose: (3,) x, y, yaw of base_link in map, m, m, rad.
+            goal: (2,) x, y in map, m.
+            previous: The plan that the robot follows now, if any.
+            reason: Why a plan is asked for.
 
-        config, plan = self._config, plan_with(self._usual)
-        hoped = math.dist(pose[:2], goal) if previous is None else left_of(previous, pose)
-        if not plan.safe or plan.length_m > hoped + _LONG_WAY_ROUND_M:
-            if self._squeezes:
-                tight = plan_with(self._tight)
-                if tight.safe and (
-                    not plan.safe or tight.length_m < plan.length_m - _LONG_WAY_ROUND_M
-                ):
-                    return replace(tight, evaluations=spent), self._tight.smoother
-        elif config.prefer_m > 0.0 and plan.evaluations <= _HARD:
-            roomy = plan_with(self._roomy)
-            if roomy.safe and roomy.cost < plan.cost * (1.0 + config.prefer_share):
-                return replace(roomy, evaluations=spent), self._roomy.smoother
-        return replace(plan, evaluations=spent), self._usual.smoother
+        Returns:
+            The plan chosen; it says which safe distance it keeps. Its evaluations are those of
+            all that was tried.
+        """
+        task = PlanningTask(view, pose, goal, self._usual_m, previous, reason)
+        usual = self._planner.plan(task, self._rng)
+        chosen, spent = usual, usual.evaluations
+        hoped = math.dist(pose[:2], goal) if previous is None else remaining_length(previous, pose)
+        if not usual.safe or usual.length_m > hoped + _LONG_DETOUR_M:
+            if self._tries_tight_gaps:
+                tight = self._planner.plan(self._at(task, self._tight_m), self._rng)
+                spent += tight.evaluations
+                shorter = tight.length_m < usual.length_m - _LONG_DETOUR_M
+                if tight.safe and (shorter or not usual.safe):
+                    chosen = tight
+        elif self._config.prefer_m > 0.0 and usual.evaluations <= _HARD:
+            roomy = self._planner.plan(self._at(task, self._roomy_m), self._rng)
+            spent += roomy.evaluations
+            dearest = usual.path_cost * (1.0 + self._config.prefer_share)
+            if roomy.safe and roomy.path_cost < dearest:
+                chosen = roomy
+        return replace(chosen, evaluations=spent)
+
+    @staticmethod
+    def _at(task: PlanningTask, safe_distance_m: float) -> PlanningTask:
+        """The same task at another safe distance."""
+        return replace(task, safe_distance_m=safe_distance_m)
 
 
-def left_of(plan: Plan, pose: FloatArray) -> float:
-    """Length, m, of what is left of a plan from the waypoint nearest ahead of ``pose`` (3,)."""
+def remaining_length(plan: Plan, pose: FloatArray) -> float:
+    """Return how much of a plan lies ahead of a pose.
+
+    Args:
+        plan: The plan, of two waypoints or more.
+        pose: (2,) or longer: x, y in map, m.
+
+    Returns:
+        Length from the point of the polyline that is nearest to the pose up to its end, m.
+    """
     points = plan.waypoints_m
     legs = np.diff(points, axis=0)
     squares = np.maximum((legs**2).sum(axis=1), 1e-12)

@@ -28,7 +28,7 @@ from simloop.messages import (
 )
 from simloop.navigation.bezier_smoother import Smoother
 from simloop.navigation.feasibility import Reachability, stands_in_the_way
-from simloop.navigation.gap_choice import WidthPlanner
+from simloop.navigation.gap_choice import GapChooser
 from simloop.navigation.moving_goal import Pursuit
 from simloop.navigation.planner_world import foresee, opened
 
@@ -95,7 +95,6 @@ class _Pending:
 
     due_ns: int
     plan: Plan
-    smoother: Smoother
     view: WorldView
 
 
@@ -121,7 +120,8 @@ class Navigator:
             config = _with_camera(config)
         self._config = config
         self._goal = Pursuit(goal)
-        self._planner = WidthPlanner(config, rng)
+        self._planner = GapChooser(config, rng)
+        self._smoother = Smoother(config.smoother, config.vehicle)
         self._reach = Reachability(goal_tolerance_m, config.vehicle.width_m)
         self._pace_mps = config.drive.max_speed_mps
         self._plan_ns = round(config.rates.plan_s * 1e9)
@@ -177,7 +177,7 @@ class Navigator:
 
     def distrust_narrow_gaps(self) -> None:
         """Try no gap below the safety distance from now on: the robot got stuck."""
-        self._planner.distrust_tight_gaps()
+        self._planner.stop_trying_tight_gaps()
 
     def step(self, estimate: Estimate, now: Surroundings, progress: Progress) -> Plan | None:
         """Plan if there is a reason to.
@@ -212,7 +212,7 @@ class Navigator:
         self._plan, self.path_ns = pending.plan, estimate.t_ns
         pose = about_face(estimate.pose) if reverses else estimate.pose
         with self._time["smoother"]:
-            path = pending.smoother.smooth(pending.plan, pending.view, pose)
+            path = self._smoother.smooth(pending.plan, pending.view, pose)
         self.messages.append(path)
         if pending.plan.safe and not path.safe:
             text = "the smoothed path comes nearer to something than the safety distance"
@@ -295,13 +295,13 @@ class Navigator:
                 room = self._config.planner.safe_distance_m
                 goal = self._goal.aim(still, pose, self._pace_mps, room)
                 view = foresee(still, now.movers, pose, self._pace_mps)
-                plan, smoother, view = self._find_way(view, pose, goal, reason)
+                plan, view = self._find_way(view, pose, goal, reason)
             spent += plan.evaluations
             if plan.safe:
                 break
         plan = replace(plan, evaluations=spent)
         self._planned_ns = t_ns
-        self._pending = _Pending(t_ns + self._latency_ns(plan), plan, smoother, view)
+        self._pending = _Pending(t_ns + self._latency_ns(plan), plan, view)
         self.messages += [plan, view]
         # What moves may close a way off, and clears it again.
         stands_still = now.movers is None
@@ -314,18 +314,17 @@ class Navigator:
 
     def _find_way(
         self, view: WorldView, pose: FloatArray, goal: FloatArray, reason: PlanReason
-    ) -> tuple[Plan, Smoother, WorldView]:
-        """The plan from ``pose`` (3,) to ``goal`` (2,), what smooths it, and the view that it was
-        found in."""
-        plan, smoother = self._planner.plan(view, pose, goal, self._plan, reason)
+    ) -> tuple[Plan, WorldView]:
+        """The plan from ``pose`` (3,) to ``goal`` (2,), and the view that it was found in."""
+        plan = self._planner.plan(view, pose, goal, self._plan, reason)
         if plan.safe or view.movers is not None:  # what moves clears the way again
-            return plan, smoother, view
+            return plan, view
         wider = opened(view)
-        other, its_smoother = self._planner.plan(wider, pose, goal, self._plan, reason)
+        other = self._planner.plan(wider, pose, goal, self._plan, reason)
         spent = plan.evaluations + other.evaluations
         if other.safe:
-            return replace(other, evaluations=spent), its_smoother, wider
-        return replace(plan, evaluations=spent), smoother, view
+            return replace(other, evaluations=spent), wider
+        return replace(plan, evaluations=spent), view
 
     def _latency_ns(self, plan: Plan) -> int:
         """The simulated time that planning takes: given, never measured."""

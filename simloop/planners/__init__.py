@@ -1,1 +1,1 @@
-"""The planners: one protocol, many methods, each chosen by name."""
+"""Planners: from a view of the world, a start and a goal to a polyline."""

@@ -1,169 +1,349 @@
-"""Planners by name."""
+"""The planners that can be asked for by name, and what each of them is.
+
+A planner's module is imported only when the planner is made, so that listing them is quick.
+"""
 
 from __future__ import annotations
 
 import importlib
-from functools import partial
+from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 from simloop.config import PlannerConfig, VehicleConfig
-from simloop.planners.protocol import Planner
+from simloop.planners.protocol import Planner, WorldKind
 
-_CLASSES = {
-    "tlbo": (
+_ALL_WORLDS = tuple(WorldKind)
+_ALL_CHANGES = ("shift", "rotate", "mirror", "scale")
+_NOT_TURNED = ("shift", "mirror", "scale")
+"""What rules claim that treat x and y one by one."""
+_RULES = "simloop.planners.metaheuristics"
+_REACTIVE = "simloop.planners.reactive"
+_REFERENCE = "simloop.planners.reference"
+
+
+@dataclass(frozen=True, slots=True)
+class PlannerInfo:
+    """What is known of a planner without importing it.
+
+    Attributes:
+        name: What ``planner.name`` has to be to get it.
+        factory: ``module:Class``. The class takes (PlannerConfig, VehicleConfig); that of an
+            update rule is wrapped by `population_planner.PopulationPlanner`.
+        summary: One line about it.
+        worlds: The kinds of world that it can plan in. In a distance field a planner that needs
+            discs takes the view's discs instead.
+        stochastic: Whether another seed may give another plan.
+        stepwise: Whether it walks step by step and so can be let loose in a world that moves; it
+            then has a method ``steering()``.
+        update_rule: Whether the class is an update rule (`population.Rule`), not a planner.
+        metaheuristic: Whether it searches with a population of whole paths.
+        slow: Whether one plan may take seconds.
+        options: The keys that ``[planner.options]`` may hold; every update rule also takes those
+            of `population_planner.Setup`.
+        invariances: Changes of the world (shift, rotate, mirror, scale) under which its results
+            are claimed to agree; held by a test.
+    """
+
+    name: str
+    factory: str
+    summary: str
+    worlds: tuple[WorldKind, ...] = _ALL_WORLDS
+    stochastic: bool = True
+    stepwise: bool = False
+    update_rule: bool = False
+    metaheuristic: bool = False
+    slow: bool = False
+    options: tuple[str, ...] = ()
+    invariances: tuple[str, ...] = ()
+
+
+def _rule(
+    name: str,
+    factory: str,
+    summary: str,
+    *options: str,
+    invariances: tuple[str, ...] = _NOT_TURNED,
+) -> PlannerInfo:
+    """An update rule in the folder of the metaheuristics."""
+    return PlannerInfo(
+        name,
+        f"{_RULES}.{factory}",
+        summary,
+        update_rule=True,
+        metaheuristic=True,
+        options=options,
+        invariances=invariances,
+    )
+
+
+_PLANNERS = (
+    PlannerInfo(
+        "tlbo",
         "simloop.tlbo_planner:TlboPlanner",
         "the lead planner: routes, then TLBO of the lines of the path",
+        metaheuristic=True,
+        invariances=_ALL_CHANGES,
     ),
-    "tlbo_paper": (
-        "simloop.planners.metaheuristics.rule_tlbo:TlboPaper",
+    _rule(
+        "tlbo_paper",
+        "rule_tlbo:TlboPaper",
         "TLBO exactly as the 2022 papers print it, defects included",
+        "examined",
+        invariances=(),
     ),
-    "tlbo_elitist": (
-        "simloop.planners.metaheuristics.rule_tlbo:TlboElitist",
+    _rule(
+        "tlbo_elitist",
+        "rule_tlbo:TlboElitist",
         "elitist TLBO (Rao & Patel 2012): elites kept, duplicates mutated",
+        "elites",
+        invariances=(),
     ),
-    "niwtlbo": (
-        "simloop.planners.metaheuristics.rule_tlbo:Niwtlbo",
+    _rule(
+        "niwtlbo",
+        "rule_tlbo:Niwtlbo",
         "nonlinear inertia weighted TLBO on cross lines (Wu 2016)",
+        "w_min",
+        invariances=_ALL_CHANGES,
     ),
-    "ga": (
-        "simloop.planners.metaheuristics.rule_genetic:GeneticAlgorithm",
+    _rule(
+        "ga",
+        "rule_genetic:GeneticAlgorithm",
         "genetic algorithm: tournament, SBX, polynomial mutation, (mu + mu)",
+        "crossover",
+        "crossover_index",
+        "mutation_index",
     ),
-    "pso": (
-        "simloop.planners.metaheuristics.rule_swarm:ParticleSwarm",
+    _rule(
+        "pso",
+        "rule_swarm:ParticleSwarm",
         "particle swarm, global best (Clerc & Kennedy 2002)",
+        "inertia",
+        "own",
+        "social",
+        "speed_limit",
     ),
-    "ga_pso": (
-        "simloop.planners.metaheuristics.rule_genetic:GaPso",
+    _rule(
+        "ga_pso",
+        "rule_genetic:GaPso",
         "hybrid GA-PSO (Juang 2004): the better half flies, the rest is bred from it",
+        "crossover",
+        "crossover_index",
+        "mutation_index",
+        "inertia",
+        "own",
+        "social",
+        "speed_limit",
     ),
-    "abc": (
-        "simloop.planners.metaheuristics.rule_evolution:BeeColony",
+    _rule(
+        "abc",
+        "rule_evolution:BeeColony",
         "artificial bee colony (Karaboga & Basturk 2007)",
+        "limit",
     ),
-    "de": (
-        "simloop.planners.metaheuristics.rule_evolution:DifferentialEvolution",
+    _rule(
+        "de",
+        "rule_evolution:DifferentialEvolution",
         "differential evolution, DE/rand/1/bin (Storn & Price 1997)",
+        "factor",
+        "crossover",
     ),
-    "avoa": (
-        "simloop.planners.metaheuristics.rule_avoa:AfricanVultures",
+    _rule(
+        "avoa",
+        "rule_avoa:AfricanVultures",
         "African vultures optimisation (Abdollahzadeh et al. 2021)",
+        "p1",
+        "p2",
+        "p3",
+        "first",
+        "gamma",
+        "levy_step",
+        invariances=(),
     ),
-    "apso": (
-        "simloop.planners.metaheuristics.rule_swarm:AdaptiveSwarm",
+    _rule(
+        "apso",
+        "rule_swarm:AdaptiveSwarm",
         "adaptive particle swarm (Zhan et al. 2009)",
+        "speed_limit",
+        "learn_high",
+        "learn_low",
     ),
-    "potential_field": (
-        "simloop.planners.reactive.potential_field:PotentialField",
+    PlannerInfo(
+        "potential_field",
+        f"{_REACTIVE}.potential_field:PotentialField",
         "the plain artificial potential field, local minima included",
+        stochastic=False,
+        invariances=_ALL_CHANGES,
     ),
-    "ga_apf": (
-        "simloop.planners.reactive.ga_apf:GaApf",
+    PlannerInfo(
+        "ga_apf",
+        f"{_REACTIVE}.ga_apf:GaApf",
         "potential field deformed by a genetic algorithm (Mohamed 2012)",
+        metaheuristic=True,
+        slow=True,
+        invariances=_ALL_CHANGES,
     ),
-    "wdo": (
-        "simloop.planners.metaheuristics.rule_wdo:WindDriven",
+    _rule(
+        "wdo",
+        "rule_wdo:WindDriven",
         "wind driven optimisation (Bayraktar et al. 2013)",
+        "friction",
+        "gravity",
+        "gas",
+        "coriolis",
+        "speed_limit",
     ),
-    "avoa_online": (
-        "simloop.planners.reactive.avoa_online:AvoaOnline",
+    PlannerInfo(
+        "avoa_online",
+        f"{_REACTIVE}.avoa_online:AvoaOnline",
         "step by step from what is sensed, each heading by AVOA (Abed 2022)",
+        stepwise=True,
+        slow=True,
+        invariances=_ALL_CHANGES,
     ),
-    "apso_online": (
-        "simloop.planners.reactive.avoa_online:ApsoOnline",
-        "the same, each heading by the adaptive swarm",
+    PlannerInfo(
+        "apso_online",
+        f"{_REACTIVE}.avoa_online:ApsoOnline",
+        "step by step from what is sensed, each heading by the adaptive swarm",
+        stepwise=True,
+        slow=True,
+        invariances=_ALL_CHANGES,
     ),
-    "fuzzy_wdo": (
-        "simloop.planners.reactive.avoa_online:FuzzyWdo",
-        "the same by a fuzzy controller, tuned by wind driven optimisation",
+    PlannerInfo(
+        "fuzzy_wdo",
+        f"{_REACTIVE}.avoa_online:FuzzyWdo",
+        "step by step, by a fuzzy controller tuned by wind driven optimisation",
+        stepwise=True,
+        slow=True,
+        invariances=("shift", "rotate", "scale"),  # its rules turn left where nothing else decides
     ),
-    "exact": (
-        "simloop.planners.reference.ref_exact:Exact",
+    PlannerInfo(
+        "exact",
+        f"{_REFERENCE}.ref_exact:Exact",
         "the exact optimum among discs (tangent graph), the yardstick",
+        worlds=(WorldKind.DISCS,),
+        stochastic=False,
     ),
-    "visibility": (
-        "simloop.planners.reference.ref_visibility:VisibilityGraph",
+    PlannerInfo(
+        "visibility",
+        f"{_REFERENCE}.ref_visibility:VisibilityGraph",
         "visibility graph among polygons and discs",
+        worlds=(WorldKind.DISCS, WorldKind.POLYGONS),
+        stochastic=False,
     ),
-    "astar": (
-        "simloop.planners.reference.ref_grid:GridAStar",
+    PlannerInfo(
+        "astar",
+        f"{_REFERENCE}.ref_grid:GridAStar",
         "A* on an eight-neighbour lattice: shortest along its edges",
+        stochastic=False,
     ),
-    "theta_star": (
-        "simloop.planners.reference.ref_grid:ThetaStar",
+    PlannerInfo(
+        "theta_star",
+        f"{_REFERENCE}.ref_grid:ThetaStar",
         "Theta* on the same lattice: any angle (Nash et al. 2007)",
+        stochastic=False,
     ),
-    "cma": (
-        "simloop.planners.reference.ref_cma:CmaEs",
+    PlannerInfo(
+        "cma",
+        f"{_REFERENCE}.ref_cma:CmaEs",
         "CMA-ES with restarts (Hansen 2016); needs the extra 'references'",
+        metaheuristic=True,
     ),
-    "informed_rrt_star": (
-        "simloop.planners.reference.ref_ompl:InformedRrtStar",
+    PlannerInfo(
+        "informed_rrt_star",
+        f"{_REFERENCE}.ref_ompl:InformedRrtStar",
         "OMPL's Informed RRT* (Gammell 2014); needs the extra 'references'",
+        slow=True,
     ),
-    "bit_star": (
-        "simloop.planners.reference.ref_ompl:BitStar",
+    PlannerInfo(
+        "bit_star",
+        f"{_REFERENCE}.ref_ompl:BitStar",
         "OMPL's BIT* (Gammell 2015); needs the extra 'references'",
+        slow=True,
     ),
-}
-"""Name -> module:class, of a planner or an update rule (`population.Rule`), and what it is."""
+)
+_BY_NAME = MappingProxyType({planner.name: planner for planner in _PLANNERS})
 
 
 def available() -> tuple[str, ...]:
-    """The names that ``planner.name`` may have."""
-    return tuple(_CLASSES)
+    """List the planners.
+
+    Returns:
+        The names that ``planner.name`` may have.
+    """
+    return tuple(_BY_NAME)
+
+
+def info(name: str) -> PlannerInfo:
+    """Return what is known of a planner.
+
+    Args:
+        name: One of `available`.
+
+    Returns:
+        Its entry in the registry.
+
+    Raises:
+        ValueError: If there is no planner of that name; the message lists the names.
+    """
+    if name not in _BY_NAME:
+        known = ", ".join(sorted(_BY_NAME))
+        raise ValueError(f"unknown planner {name!r}; choose from {known}")
+    return _BY_NAME[name]
 
 
 def load(name: str) -> Any:
-    """The class behind a name, imported only now. Raises KeyError for an unknown name."""
-    module, _, attribute = _CLASSES[name][0].partition(":")
+    """Import a planner's class, or an update rule's.
+
+    Args:
+        name: One of `available`.
+
+    Returns:
+        The class that ``info(name).factory`` names.
+
+    Raises:
+        ValueError: If there is no planner of that name.
+    """
+    module, _, attribute = info(name).factory.partition(":")
     return getattr(importlib.import_module(module), attribute)
 
 
-def planner_class(name: str) -> Any:
-    """What makes a planner of a config and a vehicle. Raises KeyError for an unknown name."""
-    found = load(name)
-    if hasattr(found, "generation"):
-        from simloop.planners.metaheuristics.population_planner import PopulationPlanner
-
-        return partial(PopulationPlanner, found)
-    return found
-
-
 def check_options(name: str, options: dict[str, Any]) -> None:
-    """Refuse options that a planner does not know: a one-line ValueError with the choices."""
-    found = load(name)
-    if hasattr(found, "generation"):
+    """Refuse options that a planner does not know, or values that they cannot have.
+
+    Args:
+        name: One of `available`.
+        options: The keys and values of ``[planner.options]``.
+
+    Raises:
+        ValueError: One line that says which option is wrong and what is allowed.
+    """
+    if info(name).update_rule:
         from simloop.planners.metaheuristics.population_planner import read_options
 
-        read_options(found, options)
-    elif hasattr(found, "check_options"):
-        found.check_options(options)
+        read_options(load(name), options)
     elif options:
         raise ValueError(f"planner {name} has no options")
 
 
-def invariance(name: str) -> tuple[str, ...]:
-    """Changes of the world (shift, rotate, mirror, scale) under which a planner's results agree."""
-    claimed: tuple[str, ...] = getattr(load(name), "invariant", ())
-    return claimed
-
-
-def summary(name: str) -> str:
-    """One line about a planner."""
-    return _CLASSES[name][1]
-
-
-def planner_names() -> list[str]:
-    """The names that `make_planner` knows, sorted."""
-    return sorted(available())
-
-
 def make_planner(config: PlannerConfig, vehicle: VehicleConfig) -> Planner:
-    """The planner that ``config.name`` asks for; raises ValueError that lists the names."""
-    if config.name not in available():
-        known = ", ".join(planner_names())
-        raise ValueError(f"unknown planner {config.name!r}; choose from {known}")
-    planner: Planner = planner_class(config.name)(config, vehicle)
+    """Make the planner that a config asks for.
+
+    Args:
+        config: ``config.name`` chooses the planner; the rest are its settings.
+        vehicle: The robot's measures; planners need its footprint.
+
+    Returns:
+        A planner, ready to plan.
+
+    Raises:
+        ValueError: If there is no planner of that name; the message lists the names.
+    """
+    found = load(config.name)
+    if info(config.name).update_rule:
+        from simloop.planners.metaheuristics.population_planner import PopulationPlanner
+
+        population_planner: Planner = PopulationPlanner(found, config, vehicle)
+        return population_planner
+    planner: Planner = found(config, vehicle)
     return planner

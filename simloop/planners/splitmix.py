@@ -1,6 +1,6 @@
-"""A small generator for compiled kernels (SplitMix64: Steele, Lea, Flood 2014).
+"""A small random generator for compiled kernels: SplitMix64 (Steele, Lea, Flood 2014).
 
-It is seeded from the numpy Generator that a stage is handed, so that one seed still rules all.
+It is seeded from the numpy Generator that a stage is given, so that one seed decides everything.
 """
 
 from __future__ import annotations
@@ -15,13 +15,27 @@ State = NDArray[np.uint64]
 
 
 def make_state(rng: np.random.Generator) -> State:
-    """(1,) state, drawn from ``rng``."""
+    """Draw the state of a new generator.
+
+    Args:
+        rng: Where the seed is drawn from.
+
+    Returns:
+        (1,) uint64, the state; the kernels advance it in place.
+    """
     return rng.integers(0, 2**64, size=1, dtype=np.uint64)
 
 
 @njit(cache=True)
 def uniform(state: State) -> float:
-    """In [0, 1), 53 bits."""
+    """Draw a number in [0, 1) with 53 random bits.
+
+    Args:
+        state: (1,) the generator's state; advanced.
+
+    Returns:
+        The number.
+    """
     state[0] += np.uint64(0x9E3779B97F4A7C15)
     z = state[0]
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -32,12 +46,27 @@ def uniform(state: State) -> float:
 
 @njit(cache=True)
 def below(state: State, n: int) -> int:
-    """An integer in [0, n)."""
+    """Draw an integer in [0, n).
+
+    Args:
+        state: (1,) the generator's state; advanced.
+        n: How many integers there are to choose from.
+
+    Returns:
+        The integer.
+    """
     return int(uniform(state) * n)
 
 
 @njit(cache=True)
 def normal(state: State) -> float:
-    """Standard normal (Box-Muller, one of the pair)."""
+    """Draw from the standard normal distribution (Box-Muller, one of the pair).
+
+    Args:
+        state: (1,) the generator's state; advanced twice.
+
+    Returns:
+        The number.
+    """
     radius = math.sqrt(-2.0 * math.log(1.0 - uniform(state)))
     return radius * math.cos(2.0 * math.pi * uniform(state))

@@ -1,4 +1,4 @@
-"""The BARN benchmark's referee and figures, on worlds of our own."""
+"""The BARN benchmark: reading worlds, the referee, the figures."""
 
 from __future__ import annotations
 
@@ -42,9 +42,7 @@ def test_a_world_is_driven_and_judged(file):
     assert barn.run_one(course, (), 0) == run
 
 
-def test_the_clock_starts_with_the_first_tenth_of_a_metre_and_what_comes_first_counts(
-    file, monkeypatch
-):
+def test_the_clock_starts_after_a_tenth_of_a_metre_and_the_first_event_counts(file, monkeypatch):
     monkeypatch.setattr(barn, "Truth", SimpleNamespace)
     course = barn.read_worlds(file)["7"]
 
@@ -65,7 +63,7 @@ def test_the_clock_starts_with_the_first_tenth_of_a_metre_and_what_comes_first_c
     assert end(at(6, 3.11), at(106, 4.0)) == ("timeout", 100.0)
 
 
-def test_figures_are_rates_over_all_and_means_over_those_that_arrived():
+def test_figures_are_rates_over_all_runs_and_means_over_those_that_arrived():
     runs = [
         barn.Run("1", 0, "reached", 10.0, 0.5, 0.8),
         barn.Run("1", 1, "collision", 4.0, 0, 0.3),
@@ -82,10 +80,10 @@ def test_figures_are_rates_over_all_and_means_over_those_that_arrived():
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{", '{"1": {}}', '{"1": 3}'])
-def test_rubbish_is_one_line(tmp_path, text):
+def test_a_file_that_holds_no_worlds_is_refused(tmp_path, text):
     path = tmp_path / "rubbish.json"
     path.write_text(text)
-    with pytest.raises(InputError, match="rubbish"):
+    with pytest.raises(InputError, match=r"rubbish\.json: not a file of BARN worlds"):
         barn.read_worlds(path)
 
 
@@ -97,19 +95,19 @@ POST = (
 )
 
 
-def test_a_folder_of_gazebo_worlds_is_the_same_as_json(tmp_path):
+def test_a_folder_of_gazebo_worlds_gives_the_same_courses_as_json(tmp_path):
     posts = "".join(POST.format(k, x, y) for k, (x, y) in enumerate(WORLD["cyl"]))
     (tmp_path / "world_12.world").write_text(SDF.format(posts))
     course = barn.read_worlds(tmp_path)["12"]
     assert course.cylinders_m == ((-2.2, 5.0), (-1.0, 6.0)) and course.radius_m == 0.075
-    assert course.path_length_m == pytest.approx(10.0, abs=0.2)  # round one post
+    assert course.path_length_m == pytest.approx(10.0, abs=0.2)  # around one post
     np.save(tmp_path / "path_12.npy", np.array([[24, 0], [24, 10]]))
-    there = [[-2.25, 3.0], [-0.975, 5.075], [-0.975, 6.575], [-2.25, 13.0]]
-    length = float(np.hypot(*np.diff(there, axis=0).T).sum())
+    corners = [[-2.25, 3.0], [-0.975, 5.075], [-0.975, 6.575], [-2.25, 13.0]]
+    length = float(np.hypot(*np.diff(corners, axis=0).T).sum())
     assert barn.read_worlds(tmp_path)["12"].path_length_m == pytest.approx(length)
 
 
-def test_the_script_says_what_is_wrong_in_one_line(tmp_path):
+def test_the_script_reports_wrong_input_in_one_line(tmp_path):
     script = Path(barn.__file__)
     (tmp_path / "none.json").write_text("{}")
     for args in (["--worlds", tmp_path], ["--worlds", tmp_path / "none.json"], ["--wurlds", "x"]):

@@ -1,4 +1,4 @@
-"""The comparison of planners: its judge, its statistics, its runs and its page."""
+"""The comparison of planners: the judge, the statistics, the runs and the report page."""
 
 from __future__ import annotations
 
@@ -7,26 +7,29 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.scene_clearance import scene_clearance
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
 from simloop.benchmarks.planners import bench
 from simloop.benchmarks.planners.jobs import make_jobs, run_jobs
-from simloop.benchmarks.planners.judge import clearance, judge
-from simloop.benchmarks.planners.paper_scenes import paper_scene, scene_clearance
+from simloop.benchmarks.planners.judge import clearance, judge, measure, optimum
+from simloop.benchmarks.planners.paper_scenes import paper_scene
 from simloop.benchmarks.planners.scenes import scene, true_clearance
 from simloop.benchmarks.planners.tasks import load_scene, with_best_known
 from simloop.benchmarks.planners.trials import settings as trial_settings
 from simloop.benchmarks.planners.trials import try_once
 from simloop.cli.main import app, main
 from simloop.common.errors import InputError
+from simloop.config import PlannerConfig
 from simloop.evaluation import statistics
 
 S1 = scene("S1")[0]
 
 
-def wander(one, seed, points=6):
+def random_path(one, seed, points=6):
+    """A path from start to goal through random points of the scene."""
     rng = np.random.default_rng(seed)
     low, high = one.world.bounds_m[:2], one.world.bounds_m[2:]
     inner = low + rng.uniform(size=(points, 2)) * (high - low)
@@ -35,16 +38,16 @@ def wander(one, seed, points=6):
 
 @settings(max_examples=40)
 @given(seed=st.integers(0, 2**32 - 1))
-def test_the_judges_clearance_is_that_of_dense_samples(seed):
-    path = wander(S1, seed)
+def test_the_judges_clearance_equals_that_of_dense_samples(seed):
+    path = random_path(S1, seed)
     assert clearance(S1, path) == pytest.approx(true_clearance(S1, path, 1e-3), abs=1e-3)
 
 
 @settings(max_examples=15)
 @given(seed=st.integers(0, 2**32 - 1))
-def test_the_judges_clearance_among_polygons(seed):
+def test_the_judges_clearance_among_polygons_equals_that_of_samples(seed):
     one = paper_scene("wu180")
-    path = wander(one, seed, points=3)
+    path = random_path(one, seed, points=3)
     truth = scene_clearance(one, path, 0.05)
     found = clearance(one, path)
     assert (found <= 0.0) == (truth <= 0.0) or abs(found - truth) < 0.05
@@ -52,10 +55,10 @@ def test_the_judges_clearance_among_polygons(seed):
         assert found == pytest.approx(truth, abs=0.05)
 
 
-def test_among_boxes_the_judge_looks_at_those_nearby():
+def test_among_boxes_the_judges_clearance_is_exact_up_to_twice_the_safe_distance():
     one = scene("S4a")[0]
     for seed in range(5):
-        path = wander(one, seed)
+        path = random_path(one, seed)
         truth = true_clearance(one, path, 1e-3)
         assert clearance(one, path) == pytest.approx(min(truth, 2.0 * one.safe_m), abs=1e-9)
 
@@ -69,7 +72,7 @@ def test_an_unsafe_or_unfinished_path_never_wins():
     assert short.safe and not short.reached and short.score > 100.0
 
 
-def test_holm_is_what_it_says_on_a_known_case():
+def test_holms_correction_on_a_known_case():
     assert statistics.holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
     assert statistics.holm([0.5, 0.9]) == pytest.approx([1.0, 1.0])
 
@@ -87,13 +90,13 @@ def test_wilcoxon_finds_a_shift_and_no_shift():
     assert statistics.wilcoxon(lead, other) == pytest.approx(expected)
 
 
-def test_under_no_difference_p_is_small_as_often_as_it_says():
+def test_without_a_difference_p_is_uniform_enough():
     rng = np.random.default_rng(1000)
     p = [statistics.wilcoxon(*rng.normal(size=(2, 25))) for _ in range(400)]
     assert 0.02 < np.mean(np.array(p) < 0.05) < 0.09
 
 
-def test_convergence_and_ecdf_on_a_history_known():
+def test_convergence_and_ecdf_of_a_known_history():
     history = np.array([[10.0, 2.0], [100.0, 1.05], [1000.0, 1.0]])
     grid = np.array([5.0, 10.0, 99.0, 100.0, 1000.0])
     gap = statistics.convergence([history], [1.0], grid)
@@ -103,7 +106,7 @@ def test_convergence_and_ecdf_on_a_history_known():
 
 
 @pytest.mark.parametrize("name", ["ga", "tlbo_elitist", "tlbo"])
-def test_a_trial_keeps_its_budget_and_repeats(name):
+def test_a_trial_keeps_its_budget_and_is_reproducible(name):
     config = trial_settings(name, S1, 4000, 100)
     first, again = (try_once(name, S1, 3, config, history=True) for _ in range(2))
     assert first.verdict.success and first.evaluations <= 4000
@@ -122,7 +125,7 @@ def test_rules_of_one_coding_begin_with_the_same_population():
     assert len(firsts) == 1
 
 
-def test_jobs_are_shared_by_a_scenes_instances():
+def test_the_plans_of_a_scene_are_shared_by_its_instances():
     tasks = load_scene("S2")[:4] + load_scene("S4a")
     jobs = make_jobs(tasks, ["ga", "astar", "exact"], seeds=10, budget=500, learners=100)
     count = {(job.planner, tasks[job.task].scene): len(job.seeds) for job in jobs}
@@ -130,7 +133,7 @@ def test_jobs_are_shared_by_a_scenes_instances():
                      ("ga", "S4a"): 10, ("astar", "S4a"): 1}  # fmt: skip
 
 
-def test_processes_give_what_one_process_gives():
+def test_several_processes_give_the_same_as_one():
     tasks = load_scene("S1")
     jobs = make_jobs(tasks, ["de", "astar"], seeds=2, budget=400, learners=100)
     alone = dict(run_jobs(jobs, tasks, workers=1))
@@ -141,7 +144,7 @@ def test_processes_give_what_one_process_gives():
             assert np.array_equal(a.path_m, b.path_m) and a.verdict == b.verdict
 
 
-def test_where_no_optimum_is_known_the_best_safe_path_takes_its_place():
+def test_without_a_known_optimum_the_best_safe_path_is_used():
     task = replace(load_scene("S1")[0], best=None, exact=False)
     trials = [try_once("astar", S1, 0, trial_settings("astar", S1, 500, 100))]
     (known,) = with_best_known([task], trials)
@@ -165,6 +168,17 @@ def test_the_figures_of_a_small_comparison():
     assert not found["interrupted"]
 
 
+@pytest.mark.parametrize("name", ["S1", "S2", "S3", "S4a", "S4b"])
+@pytest.mark.parametrize("precise", [False, True])
+def test_the_lead_planners_own_figures_are_complete(name, precise):
+    todo = [(one, optimum(one)) for one in scene(name)]
+    at = measure(todo, PlannerConfig(name="tlbo", precise=precise), 1)
+    keys = {"ms_p50", "ms_p99", "gap_p50", "gap_p95", "safe", "std", "evaluations", "plans"}
+    assert set(at) == keys and all(np.isfinite(value) for value in at.values())
+    assert 0.0 < at["ms_p50"] <= at["ms_p99"] and at["safe"] == 1.0
+    assert at["plans"] == len(todo)
+
+
 def test_an_interrupt_keeps_what_is_done(monkeypatch):
     real = bench.run_jobs
 
@@ -182,17 +196,17 @@ def test_an_interrupt_keeps_what_is_done(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("request_", "says"),
+    ("request_", "message"),
     [
         (bench.Request(scenes=("S11",)), "did you mean 'S1'?"),
         (bench.Request(planners=("tblo",)), "did you mean 'tlbo'?"),
         (bench.Request(budget=50), "must be more than 200"),
     ],
 )
-def test_what_is_wrong_is_said_in_one_line(request_, says):
+def test_a_wrong_request_is_refused_in_one_line(request_, message):
     with pytest.raises(InputError) as error:
         request_.check()
-    assert says in str(error.value) and "\n" not in str(error.value)
+    assert message in str(error.value) and "\n" not in str(error.value)
 
 
 def test_wrong_input_ends_with_exit_code_two(monkeypatch, capsys, tmp_path):
@@ -206,7 +220,7 @@ def test_wrong_input_ends_with_exit_code_two(monkeypatch, capsys, tmp_path):
     assert app is not None
 
 
-def test_the_page_holds_the_figures_the_pictures_and_the_papers_tables(tmp_path, monkeypatch):
+def test_the_page_holds_figures_pictures_and_the_papers_tables(tmp_path, monkeypatch):
     pytest.importorskip("jinja2")
     pytest.importorskip("matplotlib")
     from simloop.benchmarks.planners import page, paper_tables, weights

@@ -1,4 +1,4 @@
-"""Faults on purpose: what they do to the readings, and what the robot makes of them."""
+"""Fault injection: the effect of faults on the readings, and the robot's reaction to them."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ def scan(t_ns, ranges=(1.0, 2.0, 3.0, 4.0)):
     return LidarScan(t_ns, angles, np.array(ranges), np.zeros(len(ranges), np.int64), 0.1, 6.0)
 
 
-def test_a_fault_is_there_in_its_time_alone():
+def test_a_fault_acts_only_in_its_time():
     fault = Fault(kind="lidar_silent", at_s=1.0, for_s=0.5)
     assert [fault.on(round(t * 1e9)) for t in (0.99, 1.0, 1.49, 1.5)] == [False, True, True, False]
     for_good = Fault(kind="lidar_silent", at_s=1.0)
     assert for_good.on(10**12) and not for_good.on(0)
 
 
-def test_a_stuck_encoder_repeats_its_last_count_and_leaves_the_other_alone():
+def test_a_stuck_encoder_repeats_its_last_count_and_the_other_is_unaffected():
     it = faults({"kind": "encoder_stuck", "at_s": 1.0, "side": "right"})
     heard = [
         it.encoders(EncoderReading(round(t * 1e9), round(100 * t), round(200 * t)))
@@ -38,7 +38,7 @@ def test_a_stuck_encoder_repeats_its_last_count_and_leaves_the_other_alone():
     assert [(r.left_counts, r.right_counts) for r in heard] == [(50, 100), (100, 200), (200, 200)]
 
 
-def test_what_is_silent_repeats_its_last_reading_with_its_stamp():
+def test_a_silent_sensor_repeats_its_last_reading_with_the_old_stamp():
     it = faults({"kind": "imu_silent", "at_s": 1.0}, {"kind": "encoders_silent", "at_s": 1.0})
     first = it.imu(ImuReading(0, np.zeros(3), np.ones(3)))
     assert it.imu(ImuReading(2_000_000_000, np.ones(3), np.ones(3))) is first
@@ -46,14 +46,14 @@ def test_what_is_silent_repeats_its_last_reading_with_its_stamp():
     assert it.encoders(EncoderReading(2_000_000_000, 5, 6)) is count
 
 
-def test_a_gyros_bias_jumps_by_what_is_said():
+def test_a_gyros_bias_jumps_by_the_given_amount():
     it = faults({"kind": "gyro_jump", "at_s": 1.0, "bias_radps": 0.2})
     before = it.imu(ImuReading(0, np.zeros(3), np.zeros(3)))
     after = it.imu(ImuReading(1_000_000_000, np.zeros(3), np.zeros(3)))
     assert (before.gyro_radps[2], after.gyro_radps[2]) == (0.0, 0.2)
 
 
-def test_beams_are_lost_scans_come_late_and_not_at_all():
+def test_beams_are_dropped_and_scans_are_late_or_missing():
     dropped = faults({"kind": "beams_dropped", "at_s": 0.0, "share": 0.3})
     heard = dropped.scan(scan(0, np.full(5000, 2.0)), 0)
     assert np.isinf(heard.ranges_m).mean() == pytest.approx(0.3, abs=0.03)
@@ -65,7 +65,7 @@ def test_beams_are_lost_scans_come_late_and_not_at_all():
     assert silent.scan(scan(0), 0) is None and silent.scan(scan(1), 1_000_000_000) is not None
 
 
-def test_beams_go_through_glass_to_what_is_behind():
+def test_beams_pass_through_glass_to_the_wall_behind():
     class Walls:
         def cast(self, origins, directions, cutoff_m):
             wall = np.where(origins[:, 0] < 1.0, 1.0, 3.0) - origins[:, 0]
@@ -78,7 +78,7 @@ def test_beams_go_through_glass_to_what_is_behind():
     assert Glass(Walls(), [pane]).cast(origins, ahead, 2.0) == pytest.approx([-1.0, 1.0])
 
 
-def test_the_plant_slips_on_one_side_is_pushed_and_is_put_down():
+def test_the_plant_slips_on_one_side_can_be_pushed_and_moved():
     plant = plant_on_plane()
     pulls = []
     for _ in range(30):
@@ -101,7 +101,7 @@ def test_the_plant_slips_on_one_side_is_pushed_and_is_put_down():
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ('{kind="glas", at_s=1.0}', "kind"),
         ('{kind="ice", at_s=1.0}', "side, friction"),
@@ -111,8 +111,8 @@ def test_the_plant_slips_on_one_side_is_pushed_and_is_put_down():
         ('{kind="glass", at_s=1.0, min_m=[1,1], max_m=[0,2]}', "min_m"),
     ],
 )
-def test_faults_that_cannot_be_are_refused_in_one_line(text, said):
-    with pytest.raises(InputError, match=said) as caught:
+def test_impossible_faults_are_refused_in_one_line(text, message):
+    with pytest.raises(InputError, match=message) as caught:
         load("faults", [f"faults=[{text}]"])
     assert "\n" not in str(caught.value)
 
@@ -121,23 +121,23 @@ QUICK = ["encoder stuck", "gyro's bias jumps", "LiDAR silent 2 s", "kidnapped"]
 
 
 @pytest.mark.parametrize("fault", QUICK)
-def test_a_fault_is_handled_as_the_table_says(fault):
+def test_a_fault_is_handled_as_expected(fault):
     trial = bench_faults.run_trial(fault, 1000)
     assert trial.handled, trial
 
 
-def test_what_goes_wrong_is_said():
-    said = {
+def test_the_robot_reports_what_is_wrong():
+    reasons = {
         "encoder stuck": "left belt not heard",
         "LiDAR silent 2 s": "no scans",
         "pushed 0.3 m sideways": "moved by something else",
         "kidnapped": "lost",
     }
-    for fault, reason in said.items():
+    for fault, reason in reasons.items():
         assert bench_faults.run_trial(fault, 1001).health["reasons_s"].get(reason, 0.0) > 0.1
 
 
-def test_a_trial_that_hits_is_wrong_or_never_arrives_is_not_handled():
+def test_a_trial_with_a_contact_a_wrong_pose_or_a_timeout_is_not_handled():
     good = bench_faults.Trial("none", 0, "reached", 0, {"unsaid_s": 0.0}, 0.0, 1.0)
     assert good.handled
     for change in (

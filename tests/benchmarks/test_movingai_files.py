@@ -1,4 +1,4 @@
-"""Maps from files: what the format says is read, and nothing else gets further than one line."""
+"""Maps from files: valid files are read, everything else is refused in one line."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ def text_of(blocked):
         lambda w: st.lists(st.lists(st.booleans(), min_size=w, max_size=w), min_size=1, max_size=8)
     )
 )
-def test_a_map_written_is_the_map_read(cells):
+def test_a_written_map_is_read_back(cells):
     blocked = np.array(cells)
     assert np.array_equal(parse_map(text_of(blocked), "m.map"), blocked)
 
 
 @settings(max_examples=300)
 @given(st.text(max_size=200) | st.binary(max_size=200).map(lambda b: b.decode("latin-1")))
-def test_rubbish_is_refused_in_one_line(text):
+def test_arbitrary_text_is_refused_in_one_line(text):
     for parse in (parse_map, parse_scenario):
         with pytest.raises(InputError) as error:
             parse(text, "x")
@@ -50,7 +50,7 @@ def test_rubbish_is_refused_in_one_line(text):
 
 @settings(max_examples=300)
 @given(at=st.integers(0, len(MAP) - 1), char=st.characters(max_codepoint=300))
-def test_a_map_with_one_character_changed_is_a_map_or_one_line(at, char):
+def test_a_map_with_one_changed_character_is_read_or_refused(at, char):
     try:
         found = parse_map(MAP[:at] + char + MAP[at + 1 :], "m.map")
     except InputError as error:
@@ -61,17 +61,17 @@ def test_a_map_with_one_character_changed_is_a_map_or_one_line(at, char):
 
 @settings(max_examples=300)
 @given(at=st.integers(0, len(SCEN) - 1), char=st.characters(max_codepoint=300))
-def test_a_scenario_with_one_character_changed_is_one_or_one_line(at, char):
+def test_a_scenario_with_one_changed_character_is_read_or_refused(at, char):
     try:
         found = parse_scenario(SCEN[:at] + char + SCEN[at + 1 :], "m.scen")
     except InputError as error:
         assert str(error).startswith("m.scen: ") and "\n" not in str(error)
     else:
-        assert all(min(*errand.start, *errand.goal) >= 0 for errand in found)
+        assert all(min(*task.start, *task.goal) >= 0 for task in found)
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         (MAP.replace("height 4", "height x"), "line 2: expected one whole number"),
         (MAP.replace("height 4", "height 9"), "4 rows, but its height is 9"),
@@ -80,19 +80,19 @@ def test_a_scenario_with_one_character_changed_is_one_or_one_line(at, char):
         (MAP.replace("width 6", "width 9999999"), "not between"),
     ],
 )
-def test_what_is_wrong_with_a_map_is_said(text, says):
-    with pytest.raises(InputError, match=says):
+def test_a_wrong_map_is_refused_with_the_line_and_the_reason(text, message):
+    with pytest.raises(InputError, match=message):
         parse_map(text, "m.map")
 
 
-def test_a_map_with_its_scenario_becomes_tasks_upright_and_at_scale(tmp_path):
+def test_a_map_with_its_scenario_gives_tasks_in_the_right_place_and_scale(tmp_path):
     (tmp_path / "m.map").write_text(MAP)
     (tmp_path / "m.map.scen").write_text(SCEN)
     first, second = load_file(tmp_path / "m.map")
     assert np.allclose(first.start[:2], [0.5 * CELL_M, 3.5 * CELL_M])
     assert np.allclose(first.goal, [5.5 * CELL_M, 0.5 * CELL_M])
     assert np.allclose(second.goal, [2.5 * CELL_M, 1.5 * CELL_M])
-    # The middle of the first cell is half a cell from the wall about the map.
+    # The centre of the first cell is half a cell from the wall around the map.
     assert clearance(first, np.array([first.start[:2]] * 2)) == pytest.approx(0.5 * CELL_M)
     rows, cols = np.array(first.start[1::-1] - first.world.origin_m[::-1]) // (CELL_M / 4)
     field = first.world.distance_m[int(rows), int(cols)]
@@ -108,7 +108,7 @@ def test_a_task_in_a_wall_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["tlbo", "theta_star", "ga"])
-def test_planners_find_their_way_on_a_map_and_the_judge_agrees(tmp_path, name):
+def test_planners_find_a_path_on_a_map_that_the_judge_accepts(tmp_path, name):
     blocked = np.zeros((20, 30), dtype=bool)
     blocked[5:, 10] = blocked[:15, 20] = True
     (tmp_path / "walls.map").write_text(text_of(blocked))
@@ -117,30 +117,30 @@ def test_planners_find_their_way_on_a_map_and_the_judge_agrees(tmp_path, name):
     assert trial.verdict.success
 
 
-def test_an_image_is_a_map_of_its_dark_pixels(tmp_path):
+def test_dark_pixels_of_an_image_are_blocked(tmp_path):
     image = np.full((12, 16), 255, dtype=np.uint8)
     image[3:9, 7] = 0
     cv2.imwrite(str(tmp_path / "room.png"), image)
     assert np.array_equal(read_image(tmp_path / "room.png"), image == 0)
     (one,) = load_file(tmp_path / "room.png")
     assert one.world.bounds_m[2] == pytest.approx(16 * CELL_M)
-    clear = np.zeros((4, 4, 4), dtype=np.uint8)  # black, but wholly transparent
+    clear = np.zeros((4, 4, 4), dtype=np.uint8)  # black, but fully transparent
     cv2.imwrite(str(tmp_path / "clear.png"), clear)
     assert not read_image(tmp_path / "clear.png").any()
 
 
 @settings(max_examples=60)
 @given(st.binary(max_size=300))
-def test_rubbish_that_calls_itself_an_image(tmp_path_factory, data):
+def test_a_file_that_is_not_an_image_is_refused(tmp_path_factory, data):
     file = tmp_path_factory.mktemp("rubbish") / "x.png"
     file.write_bytes(data)
     with pytest.raises(InputError, match="not an image"):
         read_image(file)
 
 
-def test_missing_and_hopeless_files(tmp_path):
+def test_a_missing_file_and_a_map_without_free_cells_are_refused(tmp_path):
     with pytest.raises(InputError, match="No such file"):
         load_file(tmp_path / "none.map")
     (tmp_path / "full.map").write_text(text_of(np.ones((3, 3), dtype=bool)))
-    with pytest.raises(InputError, match="no free cell"):
+    with pytest.raises(InputError, match="contains no free cell"):
         load_file(tmp_path / "full.map")

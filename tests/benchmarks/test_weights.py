@@ -1,4 +1,4 @@
-"""The weight study, on data whose answer is known."""
+"""The weight study on data with a known answer."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from simloop.benchmarks.planners.scenes import scene
 pytest.importorskip("sklearn")
 
 
-def test_the_pareto_front_of_points_known():
+def test_the_pareto_front_of_known_points():
     points = np.array([[1.0, 4.0], [2.0, 2.0], [4.0, 1.0], [3.0, 3.0], [2.0, 2.0], [0.5, 0.5]])
     allowed = np.array([True, True, True, True, True, False])
     assert weights.pareto(points, allowed).tolist() == [True, True, True, False, True, False]
@@ -26,18 +26,20 @@ def test_two_hidden_factors_are_found_by_two_components():
     assert found.q2 > 0.999
 
 
-def test_noise_fits_but_does_not_forecast():
+def test_noise_is_fitted_but_not_predicted():
     rng = np.random.default_rng(2)
     found = [weights.fit(rng.normal(size=(38, 4)), rng.normal(size=38)) for _ in range(20)]
     assert np.mean([one.r2_y for one in found]) > 0.03
     assert np.mean([one.q2 for one in found]) < 0.0
 
 
-def test_importance_lies_with_what_matters():
+def test_the_important_variable_has_the_largest_vip():
     rng = np.random.default_rng(3)
     x = rng.normal(size=(2000, 4))
     found = weights.fit(x, 3.0 * x[:, 1])
-    assert found.vip[1] == pytest.approx(2.0, abs=0.02)  # the root of how many variables there are
+    assert found.vip[1] == pytest.approx(
+        2.0, abs=0.02
+    )  # the square root of the number of variables
     assert found.vip[[0, 2, 3]].max() < 0.15
     assert (found.vip**2).mean() == pytest.approx(1.0)
 

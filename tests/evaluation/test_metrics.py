@@ -39,7 +39,8 @@ def estimate(tick, x, y, yaw, variance=1e-4):
 
 
 def plan(evaluations):
-    return Plan(0, np.zeros((2, 2)), 0.0, 0.0, 0.0, True, evaluations, 1, "tlbo")
+    points = np.zeros((2, 2))
+    return Plan(0, points, 0.0, 0.0, 0.0, True, evaluations, 1, "tlbo", safe_distance_m=0.26)
 
 
 @pytest.fixture(scope="module")

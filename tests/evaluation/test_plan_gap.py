@@ -12,6 +12,7 @@ from simloop.benchmarks.planners.scenes import scene
 from simloop.cli.main import run_scenario
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.evaluation.plan_gap import PlanLog, least_cost
+from simloop.planners.protocol import PlanningTask
 from simloop.planners.reference.exact import exact_path
 from simloop.planners.registry import make_planner
 
@@ -19,10 +20,11 @@ POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))
 CONFIG = PlannerConfig(safe_distance_m=0.3, start_turn_weight=0.0)
 
 
-def planned(seed=0):
+def planned(seed=0, config=CONFIG, **changes):
+    """S1 and a plan for it; changes: of the task."""
     one = scene("S1")[0]
-    rng = np.random.default_rng(seed)
-    return one, make_planner(CONFIG, POINT).plan(one.world, one.start, one.goal, rng)
+    task = replace(PlanningTask(one.world, one.start, one.goal, one.safe_m), **changes)
+    return one, make_planner(config, POINT).plan(task, np.random.default_rng(seed))
 
 
 def test_a_record_holds_the_plans_account_and_its_gap():
@@ -39,6 +41,34 @@ def test_a_record_holds_the_plans_account_and_its_gap():
     assert -0.01 < first.gap_percent < 0.2
 
 
+def recorded(one, plan, config=CONFIG):
+    """The record of one plan."""
+    log = PlanLog(config)
+    log.offer(plan)
+    log.offer(one.world)
+    return log.records()[0]
+
+
+def test_the_optimum_keeps_the_plans_safe_distance_and_not_the_usual_one():
+    """Else a plan through a gap that is tight, or with more room, is measured against another."""
+    for safe_m in (0.25, 0.34):
+        one, plan = planned(safe_distance_m=safe_m)
+        record = recorded(one, plan)
+        assert plan.safe and record.safe_distance_m == safe_m != CONFIG.safe_distance_m
+        assert -0.01 < record.gap_percent < 0.3
+
+
+def test_the_gap_leaves_the_start_turn_out_and_the_record_shows_it():
+    """The optimum knows no heading: its J has no start turn."""
+    config = replace(CONFIG, start_turn_weight=0.1)
+    one = scene("S1")[0]
+    one, plan = planned(config=config, start=np.array([*one.start[:2], 3.0]))
+    record = recorded(one, plan, config)
+    assert 0.2 < record.start_turn_cost < 0.4 and record.cost == plan.cost
+    assert plan.cost > record.exact_cost + 0.2
+    assert -0.01 < record.gap_percent < 1.0
+
+
 def test_a_plan_that_is_not_safe_has_no_gap():
     one, plan = planned()
     log = PlanLog(CONFIG)
@@ -50,12 +80,12 @@ def test_a_plan_that_is_not_safe_has_no_gap():
 def test_a_start_too_close_to_a_disc_makes_that_disc_alone_smaller():
     one = scene("S1")[0]
     start = np.array([3.2, 0.6 + 0.30 + 0.1])  # 0.1 m from the first disc
-    best = least_cost(CONFIG, one.world, start, one.goal)
+    best = least_cost(CONFIG, one.world, start, one.goal, safe_distance_m=0.3)
     without = exact_path(one.world.discs_xyr_m[1:], one.world.bounds_m, start, one.goal, safe_m=0.3)
     assert best is not None and best >= without.cost - 1e-9
     as_it_is = exact_path(one.world.discs_xyr_m, one.world.bounds_m, start, one.goal, safe_m=0.3)
     assert as_it_is is None
-    assert least_cost(CONFIG, one.world, one.goal, one.goal) is None
+    assert least_cost(CONFIG, one.world, one.goal, one.goal, safe_distance_m=0.3) is None
 
 
 def test_the_result_of_a_run_holds_each_replan(tmp_path):

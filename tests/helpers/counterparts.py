@@ -1,7 +1,7 @@
-"""Update rules as other libraries have them (mealpy, pymoo), set up to be the same variants.
+"""Update rules of other libraries (mealpy, pymoo), set up as the same variants as ours.
 
-Neither has the bee colony of Karaboga & Basturk 2007 (mealpy moves every coordinate at once): that
-one is written out here, bee by bee.
+Neither library has the bee colony of Karaboga & Basturk 2007 (mealpy moves all coordinates at
+once), so that one is written out here, bee by bee.
 """
 
 from __future__ import annotations
@@ -21,10 +21,23 @@ SIZE, GENERATIONS = 20, 25
 
 
 class VulturesThatRemember(AVOA.OriginalAVOA):
-    """The original keeps the two best ever seen (Abdollahzadeh 2021, Eq. 1); mealpy looks at the
-    present ones only."""
+    """AVOA that keeps the two best vultures ever seen (Abdollahzadeh 2021, Eq. 1).
+
+    mealpy only considers the present population.
+    """
 
     def get_special_agents(self, pop=None, n_best=3, n_worst=3, minmax="min"):
+        """Pick the best agents from the population and the memory.
+
+        Args:
+            pop: Agents of the present population.
+            n_best: Number of best agents.
+            n_worst: Number of worst agents.
+            minmax: Whether the cost is minimised.
+
+        Returns:
+            None, the best agents, the worst agents, as mealpy expects.
+        """
         known = list(pop) + getattr(self, "_memory", [])
         _, best, worst = super().get_special_agents(known, n_best, n_worst, minmax)
         self._memory = [agent.copy() for agent in best]
@@ -32,8 +45,16 @@ class VulturesThatRemember(AVOA.OriginalAVOA):
 
 
 def by_mealpy(model, objective, seed):
-    """Best value of one run."""
+    """Run an optimiser of mealpy once.
 
+    Args:
+        model: The optimiser.
+        objective: An `Objective`.
+        seed: Seed of the run.
+
+    Returns:
+        Best value found.
+    """
     bounds = FloatVar(lb=objective.low.tolist(), ub=objective.high.tolist())
     problem = {"bounds": bounds, "minmax": "min", "log_to": None}
     problem["obj_func"] = lambda x: cost_of(objective, x)
@@ -42,14 +63,22 @@ def by_mealpy(model, objective, seed):
 
 
 def cost_of(objective, x):
-    """Cost of one vector (d,)."""
+    """Evaluate one point.
+
+    Args:
+        objective: An `Objective`.
+        x: (d,) point.
+
+    Returns:
+        Its cost.
+    """
     out = np.empty(1)
     objective.costs(np.asarray(x, dtype=float)[None], out, np.full(1, np.inf))
     return float(out[0])
 
 
 class TwoAtRandom(Selection):
-    """The better of two drawn with replacement; pymoo's own lets everyone fight equally often."""
+    """Binary tournament with replacement; in pymoo's own all individuals compete equally often."""
 
     def _do(self, _, pop, n_select, n_parents=1, random_state=None, **kwargs):
         pairs = random_state.integers(0, len(pop), (n_select, n_parents, 2))
@@ -59,7 +88,15 @@ class TwoAtRandom(Selection):
 
 
 def bee_colony(objective, seed):
-    """Best value of one run of the artificial bee colony; no source is ever left."""
+    """Run the artificial bee colony once, without scouts: no food source is ever abandoned.
+
+    Args:
+        objective: An `Objective`.
+        seed: Seed of the run.
+
+    Returns:
+        Best value found.
+    """
     rng, low, high = np.random.default_rng(seed), objective.low, objective.high
     x = rng.uniform(low, high, (SIZE, len(low)))
     cost = np.array([cost_of(objective, row) for row in x])
@@ -93,13 +130,23 @@ class _Vectorised(Problem):
 
 
 def by_pymoo(algorithm, objective, seed):
-    """Best value of one run; the first population counts as a generation."""
+    """Run an algorithm of pymoo once; it counts the first population as a generation.
+
+    Args:
+        algorithm: The algorithm.
+        objective: An `Objective`.
+        seed: Seed of the run.
+
+    Returns:
+        Best value found.
+    """
     found = minimize(
         _Vectorised(objective), algorithm, ("n_gen", 1 + GENERATIONS), seed=seed, verbose=False
     )
     return float(found.F[0])
 
 
+# Name of a rule -> function of an objective and a seed that returns the best value found.
 COUNTERPARTS = {
     "de": lambda f, s: by_mealpy(
         DE.OriginalDE(epoch=GENERATIONS, pop_size=SIZE, wf=0.5, cr=0.9, strategy=0), f, s

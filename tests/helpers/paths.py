@@ -25,9 +25,9 @@ def view_of(discs=(), size=6.0, resolution=0.05):
 
 
 def plan_of(points):
-    return Plan(0, np.array(points, float), 0.0, 0.0, 0.0, True, 0, 0, "test")
+    return Plan(0, np.array(points, float), 0.0, 0.0, 0.0, True, 0, 0, "test", safe_distance_m=SAFE)
 
 
 def smooth(points, pose, view=None):
-    smoother = Smoother(SmootherConfig(), VEHICLE, SAFE)
+    smoother = Smoother(SmootherConfig(), VEHICLE)
     return smoother.smooth(plan_of(points), view or view_of(), np.array(pose, float))

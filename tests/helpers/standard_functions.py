@@ -1,4 +1,4 @@
-"""Plain objectives with known minima, to test the rules on: zero at zero, Rosenbrock's at one."""
+"""Standard test functions for the update rules: minimum 0 at 0, Rosenbrock's at (1, 1, ...)."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ NAMES = ("sphere", "rosenbrock", "rastrigin", "ackley")
 
 @njit(cache=True)
 def _costs(kind: int, x: FloatArray, out: FloatArray) -> None:
+    """Values (n,) of one of `NAMES`, by its index, at points (n, d)."""
     n, d = x.shape
     for k in range(n):
         total, cosines = 0.0, 0.0
@@ -34,7 +35,10 @@ def _costs(kind: int, x: FloatArray, out: FloatArray) -> None:
 
 
 class StandardFunction:
-    """An `Objective`: one of `NAMES` in ``dimensions``, on [-reach, 1.5 reach] in each."""
+    """An `Objective`: one of the functions in `NAMES`.
+
+    The box is [-reach, 1.5 reach] in each dimension, so that the minimum at 0 is not its centre.
+    """
 
     def __init__(self, name: str, dimensions: int, reach: float = 4.0) -> None:
         self._kind = NAMES.index(name)
@@ -42,5 +46,11 @@ class StandardFunction:
         self.high = np.full(dimensions, 1.5 * reach)
 
     def costs(self, x: FloatArray, out: FloatArray, bounds: FloatArray) -> None:
-        """As `Objective.costs`; always in full."""
+        """Evaluate points.
+
+        Args:
+            x: (n, d) points.
+            out: (n,) takes the values.
+            bounds: (n,) not used: every value is computed in full.
+        """
         _costs(self._kind, x, out)

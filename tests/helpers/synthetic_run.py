@@ -141,7 +141,7 @@ class SyntheticRun:
         bent = np.sin(np.linspace(0.0, math.pi, len(waypoints)))[:, None] * [0.12, -0.12]
         discs = np.array([[0.95, 0.95, 0.21], [2.05, 0.55, 0.19], [1.75, 1.75, 0.22]])
         yield Plan(t_ns, waypoints, 4.2, 5.6, 1.3, True, 9000, 40, "tlbo", "frame",
-                   (waypoints + bent, waypoints - bent))  # fmt: skip
+                   (waypoints + bent, waypoints - bent), safe_distance_m=0.26)  # fmt: skip
         bounds = np.array([-0.65, -0.55, 4.35, 4.45])
         distance = np.zeros((104, 104), np.float32)
         yield WorldView(t_ns, self._origin, _CELL_M, distance, discs, bounds)

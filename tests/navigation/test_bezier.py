@@ -11,17 +11,21 @@ from helpers.paths import smooth, view_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simloop.config import VehicleConfig
+from simloop.config import PlannerConfig, SmootherConfig, VehicleConfig
 from simloop.geometry.distance_field import field_of
 from simloop.geometry.se2 import wrap_angle
 from simloop.navigation.bezier_smoother import (
     C4,
+    Smoother,
     corner_controls,
     cubic_sample,
     fit_corners,
     sample_path,
 )
 from simloop.navigation.elastic_band import leg_cost, make_room
+from simloop.planners.problem.clearance import make_problem, point_clearance
+from simloop.planners.protocol import PlanningTask
+from simloop.planners.registry import make_planner
 
 VEHICLE, SAFE = VehicleConfig(), 0.26
 
@@ -111,7 +115,7 @@ def test_the_band_never_costs_more_and_keeps_the_clearance_that_the_plan_has(see
     rng = np.random.default_rng(seed)
     view = view_of([(*rng.uniform(-2.0, 2.0, 2), rng.uniform(0.1, 0.3)) for _ in range(6)])
     points = np.vstack([(-2.5, -2.5), rng.uniform(-2.0, 2.0, (2, 2)), (2.5, 2.5)])
-    field, offsets = field_of(view), np.array(VEHICLE.footprint_offsets_m)
+    field, offsets = field_of(view, outside="edge"), np.array(VEHICLE.footprint_offsets_m)
     band = make_room(points, field, offsets, SAFE, SAFE + 0.04)
 
     def cost(line):
@@ -140,6 +144,32 @@ def test_in_a_gap_it_goes_through_the_middle():
     assert middle == pytest.approx(-0.015, abs=0.012)
 
 
+@pytest.mark.parametrize("x", [-2.0, 2.5, 2.85, 2.99, 3.2, 3.6])
+def test_it_judges_clearance_as_the_planner_does_also_beyond_the_grid(x):
+    """A wall that reaches the grid's border goes on outside; the grid ends at x = 3."""
+    view = view_of([(cx, 0.0, 0.2) for cx in np.arange(1.0, 3.0, 0.1)])
+    path = smooth([(x, -1.5), (x, 1.5)], (x, -1.5, math.pi / 2), view)
+    problem = make_problem(view, np.array([x, -1.5, 0.0]), np.array([x, 1.5]), safe_m=SAFE)
+    for k in range(0, len(path.xy_m), 5):
+        ahead = np.array([math.cos(path.yaw_rad[k]), math.sin(path.yaw_rad[k])])
+        discs = [path.xy_m[k] + offset * ahead for offset in VEHICLE.footprint_offsets_m]
+        judged = min(point_clearance(problem, *disc) for disc in discs)
+        assert path.clearance_m[k] == pytest.approx(judged, abs=1e-9)
+    assert path.safe == (x < 0.0)
+
+
+def test_a_start_too_close_is_judged_as_the_planner_judges_it():
+    """The robot stands 5 cm too close to a disc: it may leave, but not come closer later on."""
+    view, start = view_of([(0.0, 0.36, 0.15)]), np.zeros(3)
+    task = PlanningTask(view, start, np.array([2.5, -0.5]), SAFE)
+    plan = make_planner(PlannerConfig(), VEHICLE).plan(task, np.random.default_rng(0))
+    path = Smoother(SmootherConfig(), VEHICLE).smooth(plan, view, start)
+    assert plan.safe and path.clearance_m[0] < SAFE - 0.04
+    assert path.safe
+    again = view_of([(0.0, 0.36, 0.15), (*path.xy_m[-40], 0.05)])
+    assert not Smoother(SmootherConfig(extra_room_m=0.0), VEHICLE).smooth(plan, again, start).safe
+
+
 def test_an_unsafe_plan_makes_an_unsafe_path():
     path = smooth([(-2, 0), (2, 0)], (-2, 0, 0.0), view_of([(0.0, 0.1, 0.2)]))
     assert not path.safe
@@ -154,7 +184,7 @@ def test_every_cut_but_the_tightest_keeps_the_safe_distance(turn, gap):
     radius, least = 0.05, 0.05
     inwards = np.array([-math.sin(0.5 * turn), math.cos(0.5 * turn)])
     centre = (radius + gap) / math.cos(0.5 * turn) * inwards
-    field = field_of(view_of([(*centre, radius)]))
+    field = field_of(view_of([(*centre, radius)]), outside="edge")
     offsets = np.array(VEHICLE.footprint_offsets_m)
     cuts = fit_corners(points, field, offsets, SAFE, SAFE + 0.04, 1.0, least)
     assert cuts[0] == cuts[2] == 0.0 and cuts[1] >= least

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from helpers.paths import view_of
 
-from simloop.config import Config, PlannerConfig
-from simloop.navigation.gap_choice import WidthPlanner, left_of
+from simloop.config import Config, PlannerConfig, SmootherConfig, VehicleConfig
+from simloop.navigation.bezier_smoother import Smoother
+from simloop.navigation.gap_choice import GapChooser, remaining_length
 
 START, GOAL = np.array([-1.5, 0.0, 0.0]), np.array([1.5, 0.0])
 
@@ -31,11 +32,11 @@ def wall_with_gaps(*gaps):
 def crossing(view, pose=START, stuck=False, **settings):
     """Where, y in m, the plan crosses the wall; and its length, m."""
     planner = replace(PlannerConfig(), **settings)
-    chooser = WidthPlanner(replace(Config(), planner=planner), np.random.default_rng(0))
+    chooser = GapChooser(replace(Config(), planner=planner), np.random.default_rng(0))
     if stuck:
-        chooser.distrust_tight_gaps()
-    plan, smoother = chooser.plan(view, pose, GOAL, None, "test")
-    path = smoother.smooth(plan, view, pose)
+        chooser.stop_trying_tight_gaps()
+    plan = chooser.plan(view, pose, GOAL, None, "test")
+    path = Smoother(SmootherConfig(), VehicleConfig()).smooth(plan, view, pose)
     assert plan.safe
     return float(path.xy_m[np.argmin(np.abs(path.xy_m[:, 0])), 1]), plan.length_m
 
@@ -71,6 +72,6 @@ def test_a_hard_plan_gets_no_second_one(monkeypatch):
 
 @pytest.mark.parametrize(("x", "left"), [(-1.5, 3.0), (-0.5, 2.0), (1.0, 0.5), (2.0, 0.0)])
 def test_what_is_left_of_a_plan(x, left):
-    planner = WidthPlanner(Config(), np.random.default_rng(0))
-    plan, _ = planner.plan(view_of(), START, GOAL, None, "test")
-    assert left_of(plan, np.array([x, 0.02, 0.0])) == pytest.approx(left, abs=1e-3)
+    chooser = GapChooser(Config(), np.random.default_rng(0))
+    plan = chooser.plan(view_of(), START, GOAL, None, "test")
+    assert remaining_length(plan, np.array([x, 0.02, 0.0])) == pytest.approx(left, abs=1e-3)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from simloop.config import Config, PlannerConfig, VehicleConfig
 from simloop.messages import WorldView
 from simloop.navigation.planner_world import RIM_M, opened
+from simloop.planners.protocol import PlanningTask
 from simloop.planners.registry import make_planner
 
 seeds = st.integers(0, 2**32 - 1)
@@ -57,7 +58,8 @@ def test_behind_a_wall_at_the_edge_of_the_map_there_is_a_way():
     view = WorldView(0, view.origin_m, view.resolution_m, view.distance_m, view.discs_xyr_m, room)
 
     def plan_in(world):
-        return planner.plan(world, np.zeros(3), goal, np.random.default_rng(0))
+        task = PlanningTask(world, np.zeros(3), goal, PlannerConfig().safe_distance_m)
+        return planner.plan(task, np.random.default_rng(0))
 
     assert not plan_in(view).safe
     found = plan_in(opened(view))

@@ -16,6 +16,7 @@ from simloop.benchmarks.planners.scenes import scene
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.planners.metaheuristics.population import Population, minimise
 from simloop.planners.metaheuristics.population_planner import PopulationPlanner
+from simloop.planners.protocol import PlanningTask
 from simloop.planners.splitmix import make_state
 
 PAGE = Path(__file__).parents[2] / "docs" / "add_a_planner.md"
@@ -62,7 +63,9 @@ def test_the_newcomer_plans(jaya):
     one = scene("S1")[0]
     config = PlannerConfig(safe_distance_m=one.safe_m, start_turn_weight=0.0)
     planner = PopulationPlanner(jaya, config, POINT)
-    found = planner.plan(one.world, one.start, one.goal, np.random.default_rng(1000))
+    found = planner.plan(
+        PlanningTask(one.world, one.start, one.goal, one.safe_m), np.random.default_rng(1000)
+    )
     assert found.safe and found.planner == "jaya"
     assert 4.42 < found.cost < 1.02 * 4.4250 and found.evaluations <= 40_000
 
@@ -72,6 +75,7 @@ import sys
 import numpy as np
 from numba.core import event
 from simloop.config import PlannerConfig, VehicleConfig
+from simloop.planners.protocol import PlanningTask
 from simloop.planners.registry import make_planner
 from simloop.benchmarks.planners.scenes import scene
 
@@ -88,7 +92,8 @@ with event.install_listener("numba:compile", Heard()):
         config = PlannerConfig(name=name, max_evaluations=1000)
         for where in (one, field):
             rng = np.random.default_rng(0)
-            make_planner(config, VehicleConfig()).plan(where.world, where.start, where.goal, rng)
+            task = PlanningTask(where.world, where.start, where.goal, config.safe_distance_m)
+            make_planner(config, VehicleConfig()).plan(task, rng)
 print(" ".join(Heard.names))
 """
 _ALL = [

@@ -1,7 +1,8 @@
 """Update rules against other libraries' on standard functions: the same distribution of results.
 
-Not run for run: both draw otherwise. A two-sample test (Kolmogorov & Smirnov) of the best values of
-60 runs each must not tell ours from theirs, and must tell a rule that has been tampered with.
+Single runs cannot be compared, because the random numbers differ. A two-sample Kolmogorov-Smirnov
+test of the best values of 60 runs must find no difference between the two implementations, and
+must find one if a rule has been changed.
 """
 
 from __future__ import annotations
@@ -10,8 +11,8 @@ from functools import cache
 
 import numpy as np
 import pytest
+from helpers.standard_functions import StandardFunction
 from scipy.stats import ks_2samp
-from tests.standard_functions import StandardFunction
 
 from simloop.planners import registry
 from simloop.planners.metaheuristics import rule_tlbo
@@ -23,12 +24,12 @@ counterparts = pytest.importorskip("helpers.counterparts")  # mealpy, pymoo
 RUNS, DIMENSIONS = 60, 4
 ALIKE, APART = 0.01, 1e-3
 OPTIONS = {"avoa": {"levy_step": 1.0}, "abc": {"limit": 10**5}}
-# Mealpy's learners learn one after the other, the paper's all at once: on the sphere that shows.
+# mealpy's learners learn one after the other, the paper's all at once; on the sphere it shows.
 FUNCTIONS = dict.fromkeys(counterparts.COUNTERPARTS, ("rosenbrock", "rastrigin", "sphere"))
-for rule in ("ga", "avoa"):  # whose spread on the others hides much
+for rule in ("ga", "avoa"):  # their spread on the other functions hides differences
     FUNCTIONS[rule] = ("sphere", "rosenbrock", "rastrigin")
 FUNCTIONS["tlbo_paper"] = ("rosenbrock", "rastrigin")
-TAMPERED = {
+CHANGED = {
     "de": {"factor": 0.9},
     "avoa": {"levy_step": 1.0, "p2": 0.0, "p3": 0.0},
     "ga": {"crossover": 0.0},
@@ -63,7 +64,7 @@ def alike(name, function):
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
-def test_a_rule_is_not_to_be_told_from_its_counterpart(name):
+def test_a_rule_gives_the_same_distribution_as_its_counterpart(name):
     assert alike(name, FUNCTIONS[name][0]) > ALIKE
 
 
@@ -71,19 +72,19 @@ def test_a_rule_is_not_to_be_told_from_its_counterpart(name):
 @pytest.mark.parametrize(
     ("name", "function"), [(n, f) for n, functions in FUNCTIONS.items() for f in functions[1:]]
 )
-def test_nor_on_other_functions(name, function):
+def test_the_distribution_is_the_same_on_other_functions(name, function):
     assert alike(name, function) > ALIKE
 
 
-@pytest.mark.parametrize("name", TAMPERED)
-def test_a_rule_that_was_tampered_with_is_told_apart(name):
+@pytest.mark.parametrize("name", CHANGED)
+def test_a_changed_rule_is_detected(name):
     function = FUNCTIONS[name][0]
-    tampered = ours(registry.load(name), function, **TAMPERED[name])
-    assert ks_2samp(tampered, theirs(name, function)).pvalue < APART
+    changed = ours(registry.load(name), function, **CHANGED[name])
+    assert ks_2samp(changed, theirs(name, function)).pvalue < APART
 
 
 class WithoutLearning(rule_tlbo.TlboPaper):
-    """The teacher's phase alone, twice."""
+    """TLBO with the teacher phase twice and no learner phase."""
 
     def generation(self, population):
         p = population
@@ -92,6 +93,6 @@ class WithoutLearning(rule_tlbo.TlboPaper):
             p.offer()
 
 
-def test_a_class_that_does_not_learn_from_each_other_is_told_apart():
+def test_a_missing_learner_phase_is_detected():
     values = ours(WithoutLearning, "rosenbrock")
     assert ks_2samp(values, theirs("tlbo_paper", "rosenbrock")).pvalue < APART

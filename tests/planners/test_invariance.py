@@ -15,7 +15,7 @@ from scipy.stats import mannwhitneyu
 from simloop.benchmarks.planners.scenes import scene
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.planners import registry
-from simloop.planners.metaheuristics.population import Rule
+from simloop.planners.protocol import PlanningTask
 from simloop.planners.registry import make_planner
 
 POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))
@@ -60,7 +60,7 @@ def placed(kind):
 def costs(name, kind):
     """J of each seed, in the lengths of the world as it was."""
     one, size = placed(kind)
-    rule = hasattr(registry.load(name), "generation")
+    rule = registry.info(name).update_rule
     config = PlannerConfig(
         name=name,
         options={"seeding": "uniform"} if rule else {},
@@ -71,9 +71,9 @@ def costs(name, kind):
         max_evaluations=BUDGET,
     )
     planner = make_planner(config, POINT)
-    task = one.world, one.start, one.goal
+    task = PlanningTask(one.world, one.start, one.goal, one.safe_m)
     seeds = range(SEEDS if rule else SEEDS // 2)
-    return [planner.plan(*task, np.random.default_rng(s)).cost / size for s in seeds]
+    return [planner.plan(task, np.random.default_rng(s)).cost / size for s in seeds]
 
 
 def agree(name, kind):
@@ -83,7 +83,7 @@ def agree(name, kind):
     return abs(close) < ALIKE_SHARE or mannwhitneyu(as_it_was, changed).pvalue > ALIKE_P
 
 
-CLAIMS = [(n, kind) for n in registry.available() for kind in registry.invariance(n)]
+CLAIMS = [(n, kind) for n in registry.available() for kind in registry.info(n).invariances]
 
 
 @pytest.mark.parametrize(("name", "kind"), CLAIMS)
@@ -94,8 +94,8 @@ def test_the_results_agree(name, kind):
 @pytest.mark.parametrize("name", ["tlbo_paper", "tlbo_elitist", "avoa"])
 def test_some_rules_know_where_the_origin_is_and_do_not_claim_otherwise(name):
     """As printed: with T_f = 2 the step of Eq. 21 holds -r mean, whose size is the origin's."""
-    assert registry.invariance(name) == ()
-    assert issubclass(registry.load(name), Rule)
+    assert registry.info(name).invariances == ()
+    assert registry.info(name).update_rule
 
 
 def test_the_printed_rule_is_seen_to_depend_on_the_origin():

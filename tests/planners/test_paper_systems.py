@@ -1,4 +1,4 @@
-"""Each paper's system on its own paper's kind of scene: safe, and from any seed."""
+"""Each paper's system on the scenes of its own paper: safe paths from any seed."""
 
 from __future__ import annotations
 
@@ -6,18 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.scene_clearance import scene_clearance
 
 from simloop.benchmarks.planners.paper_scenes import (
     ONLINE_SCENES,
     PAPER_SCENES,
     online_scene,
     paper_scene,
-    scene_clearance,
 )
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.planners.metaheuristics.rule_avoa import AfricanVultures
 from simloop.planners.metaheuristics.rule_swarm import AdaptiveSwarm
 from simloop.planners.problem.clearance import SAFE_WITHIN_M
+from simloop.planners.protocol import PlanningTask
 from simloop.planners.reactive.fuzzy import FuzzySteering
 from simloop.planners.reactive.online import simulate
 from simloop.planners.reactive.steering import RuleSteering
@@ -39,73 +40,75 @@ QUICK, MANY = 2, 50
 def plan(name, one, seed, **settings):
     config = PlannerConfig(name=name, safe_distance_m=one.safe_m, start_turn_weight=0.0, **settings)
     rng = np.random.default_rng(seed)
-    return make_planner(config, POINT).plan(one.world, one.start, one.goal, rng)
+    return make_planner(config, POINT).plan(
+        PlanningTask(one.world, one.start, one.goal, one.safe_m), rng
+    )
 
 
-def kept(one, found):
-    """Whether a plan leads to the goal and keeps the safe distance all along, by sampling."""
+def is_safe(one, found):
+    """Whether a plan reaches the goal and keeps the safe distance everywhere, by samples."""
     clear = scene_clearance(one, found.waypoints_m, 2e-3 * one.safe_m)
     return clear >= one.safe_m - SAFE_WITHIN_M and np.allclose(found.waypoints_m[-1], one.goal)
 
 
-def share_kept(name, where, settings, seeds):
+def share_safe(name, where, settings, seeds):
     one = paper_scene(where)
-    return np.mean([kept(one, plan(name, one, seed, **settings)) for seed in seeds])
+    return np.mean([is_safe(one, plan(name, one, seed, **settings)) for seed in seeds])
 
 
 def share_arrived(steering, where, seeds):
-    walks = [simulate(online_scene(where), STEERINGS[steering](), np.random.default_rng(seed))
+    runs = [simulate(online_scene(where), STEERINGS[steering](), np.random.default_rng(seed))
              for seed in seeds]  # fmt: skip
-    return np.mean([walk.reached and walk.collisions == 0 for walk in walks])
+    return np.mean([run.reached and run.collisions == 0 for run in runs])
 
 
 @pytest.mark.parametrize(("name", "where", "settings"), SABIHA + WU + MOHAMED[:2])
 def test_a_system_finds_a_safe_path_on_its_papers_scene(name, where, settings):
-    assert share_kept(name, where, settings, range(1000, 1000 + QUICK)) == 1.0
+    assert share_safe(name, where, settings, range(1000, 1000 + QUICK)) == 1.0
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "where", "settings"), SABIHA + WU + MOHAMED)
 def test_a_system_finds_a_safe_path_from_nearly_every_seed(name, where, settings):
-    assert share_kept(name, where, settings, range(2000, 2000 + MANY)) >= 0.95
+    assert share_safe(name, where, settings, range(2000, 2000 + MANY)) >= 0.95
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("where", ["abed50", "abed150"])
-def test_the_deformed_field_crosses_maps_drawn_anew(where):
+def test_the_deformed_field_crosses_newly_drawn_maps(where):
     todo = [(paper_scene(where, seed), seed) for seed in range(1, 1 + MANY)]
-    assert np.mean([kept(one, plan("ga_apf", one, s, **SHORTEST)) for one, s in todo]) >= 0.95
+    assert np.mean([is_safe(one, plan("ga_apf", one, s, **SHORTEST)) for one, s in todo]) >= 0.95
 
 
 @pytest.mark.parametrize("where", ONLINE_SCENES)
 @pytest.mark.parametrize("steering", STEERINGS)
-def test_a_steering_arrives_through_a_world_it_does_not_know(steering, where):
+def test_a_steering_crosses_an_unknown_world(steering, where):
     assert share_arrived(steering, where, range(1000, 1001)) == 1.0
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("where", ONLINE_SCENES)
 @pytest.mark.parametrize("steering", STEERINGS)
-def test_a_steering_arrives_from_nearly_every_seed(steering, where):
+def test_a_steering_crosses_an_unknown_world_from_nearly_every_seed(steering, where):
     assert share_arrived(steering, where, range(2000, 2000 + MANY)) >= 0.95
 
 
-def test_the_plain_field_shows_the_local_minimum():
+def test_the_plain_field_stops_in_the_local_minimum():
     one = paper_scene("local_minimum")
     found = plan("potential_field", one, 0)
     assert not found.safe and np.hypot(*(found.waypoints_m[-1] - one.goal)) > 10.0
 
 
-def test_looking_at_the_waypoints_alone_lets_paths_through_obstacles():
-    """The index of Eq. 8 taken at its word: the planner calls such a path what it is."""
+def test_checking_only_the_waypoints_lets_paths_through_obstacles():
+    """Eq. 8 of the TLBO papers checks only the waypoints; the planner reports an unsafe path."""
     one = paper_scene("sabiha4")
     for seed in range(1000, 1003):
         found = plan("tlbo_paper", one, seed, options={"examined": 0})
-        assert not found.safe and not kept(one, found)
+        assert not found.safe and not is_safe(one, found)
 
 
-def test_a_point_between_the_examined_ones_is_not_seen():
-    """The more points of a segment are looked at, the less is cut; a little always is."""
+def test_obstacles_between_the_examined_points_are_missed():
+    """The more points of a segment are examined, the less it cuts corners; it always does a bit."""
     one = paper_scene("sabiha4")
     lacks = []
     for examined in (1, 30):
@@ -116,7 +119,7 @@ def test_a_point_between_the_examined_ones_is_not_seen():
 
 
 def test_the_printed_rule_depends_on_where_the_origin_is():
-    """The same world, shifted: T_f = 2 draws the class towards or away from the origin."""
+    """In a shifted world the results differ: T_f = 2 moves the class relative to the origin."""
     one, costs = paper_scene("sabiha4"), []
     for shift in (np.zeros(2), np.array([60.0, 60.0])):
         world = one.world

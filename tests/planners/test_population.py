@@ -12,11 +12,12 @@ from simloop.benchmarks.planners.scenes import scene
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.planners import registry
 from simloop.planners.metaheuristics.population import Population, minimise
+from simloop.planners.protocol import PlanningTask
 from simloop.planners.registry import make_planner
 from simloop.planners.splitmix import make_state
 
 POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))
-RULES = [n for n in registry.available() if hasattr(registry.load(n), "generation")]
+RULES = [n for n in registry.available() if registry.info(n).update_rule]
 
 
 class Watched(StandardFunction):
@@ -88,9 +89,8 @@ def test_every_rule_plans_and_the_account_is_honest(name):
         name=name, start_turn_weight=0.0, safe_distance_m=one.safe_m, max_evaluations=6000
     )
     planner = make_planner(config, POINT)
-    found, again = (
-        planner.plan(one.world, one.start, one.goal, np.random.default_rng(1000)) for _ in range(2)
-    )
+    task = PlanningTask(one.world, one.start, one.goal, one.safe_m)
+    found, again = (planner.plan(task, np.random.default_rng(1000)) for _ in range(2))
     assert found.waypoints_m.tobytes() == again.waypoints_m.tobytes()
     assert found.evaluations <= 6000 and found.planner == name
     assert found.safe or name == "tlbo_paper"
@@ -122,15 +122,15 @@ def test_the_old_way_is_one_of_the_first_population(name, other):
         name=name, start_turn_weight=0.0, safe_distance_m=one.safe_m, max_evaluations=100
     )
     good = make_planner(replace(config, name=other, max_evaluations=40_000), POINT)
-    task = one.world, one.start, one.goal
-    old = good.plan(*task, np.random.default_rng(0))
+    task = PlanningTask(one.world, one.start, one.goal, one.safe_m)
+    old = good.plan(task, np.random.default_rng(0))
     planner = make_planner(config, POINT)
-    cold = planner.plan(*task, np.random.default_rng(1))
-    warm = planner.plan(*task, np.random.default_rng(1), previous=old)
+    cold = planner.plan(task, np.random.default_rng(1))
+    warm = planner.plan(replace(task, previous=old), np.random.default_rng(1))
     assert warm.cost <= old.cost * (1.0 + 1e-9) < cold.cost
     elsewhere = replace(old, waypoints_m=old.waypoints_m[:-1])
     for useless in (elsewhere, replace(old, safe=False)):
-        again = planner.plan(*task, np.random.default_rng(1), previous=useless)
+        again = planner.plan(replace(task, previous=useless), np.random.default_rng(1))
         assert again.waypoints_m.tobytes() == cold.waypoints_m.tobytes()
 
 

@@ -1,4 +1,4 @@
-"""The reference planners, each against an optimum known otherwise."""
+"""The reference planners, each against an independently known optimum."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from simloop.benchmarks.planners.scenes import box_world, disc_world, scene, tru
 from simloop.common.errors import InputError
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.planners.problem.account import problem_of
+from simloop.planners.protocol import PlanningTask
 from simloop.planners.reference.exact import exact_path
 from simloop.planners.reference.ref_grid import spacing
 from simloop.planners.registry import make_planner
@@ -28,7 +29,8 @@ def plan(name, world, start, goal, seed=0, evaluations=4000, safe_m=SAFE_M):
         name=name, start_turn_weight=0.0, safe_distance_m=safe_m, max_evaluations=evaluations
     )
     rng = np.random.default_rng(seed)
-    return make_planner(config, POINT).plan(world, np.array([*start, 0.0]), np.array(goal), rng)
+    task = PlanningTask(world, np.array([*start, 0.0]), np.array(goal), safe_m)
+    return make_planner(config, POINT).plan(task, rng)
 
 
 def solve(name, one, **more):
@@ -44,7 +46,7 @@ def optimum(one, turning_weight):
 
 
 @pytest.mark.parametrize(("name", "within"), [("exact", 1e-4), ("visibility", 1e-3)])
-def test_the_optimum_of_j_among_discs(name, within):
+def test_a_planner_finds_the_optimum_of_j_among_discs(name, within):
     for one in ROOM:
         found = solve(name, one)
         assert found.safe
@@ -53,11 +55,11 @@ def test_the_optimum_of_j_among_discs(name, within):
         assert -1e-6 < gap < within
 
 
-def test_the_visibility_graph_about_a_square():
+def test_the_visibility_graph_around_a_square():
     corners = np.array([[3.0, -1.0], [5.0, -1.0], [5.0, 1.0], [3.0, 1.0]])
     world = replace(disc_world(np.zeros((0, 3)), (-1.0, -4.0, 9.0, 4.0)), polygons_m=(corners,))
     found = plan("visibility", world, (0.0, 0.0), (8.0, 0.0), safe_m=0.5)
-    # Straight to the rounded corner, about it, along the side, and the same again.
+    # Straight to the rounded corner, around it, along the side, and the same in reverse.
     angle = math.atan2(1.0, 3.0) + math.asin(0.5 / math.sqrt(10.0))
     length = 2.0 * math.sqrt(10.0 - 0.25) + 2.0 * 0.5 * angle + 2.0
     assert found.safe
@@ -65,11 +67,11 @@ def test_the_visibility_graph_about_a_square():
     assert found.length_m == pytest.approx(length, rel=1e-3)
 
 
-def test_a_star_in_the_open_goes_the_octile_distance():
+def test_a_star_without_obstacles_takes_the_octile_distance():
     world = disc_world(np.zeros((0, 3)), (0.0, 0.0, 4.0, 4.0))
     config = PlannerConfig(name="astar")
     start, goal = np.array([0.5, 0.5, 0.0]), np.array([3.5, 1.5])
-    step = spacing(problem_of(config, 0.0, world, start, goal))
+    step = spacing(problem_of(config, 0.0, PlanningTask(world, start, goal, SAFE_M)))
     assert step == pytest.approx(0.02)
     found = plan("astar", world, start[:2], goal)
     assert found.length_m == pytest.approx(0.02 * (50 * math.sqrt(2.0) + 100), rel=1e-9)
@@ -77,7 +79,7 @@ def test_a_star_in_the_open_goes_the_octile_distance():
     assert straight.length_m == pytest.approx(math.hypot(3.0, 1.0), rel=1e-9)
 
 
-def test_lattice_ways_lie_between_the_optimum_and_the_octile_bound():
+def test_lattice_paths_lie_between_the_optimum_and_the_octile_bound():
     for one in ROOM:
         least = optimum(one, 0.0)
         grid, any_angle = solve("astar", one), solve("theta_star", one)
@@ -86,13 +88,13 @@ def test_lattice_ways_lie_between_the_optimum_and_the_octile_bound():
         assert least < grid.length_m < 1.0824 * 1.02 * least
 
 
-def test_a_star_finds_no_way_where_there_is_none():
+def test_a_star_reports_that_there_is_no_path():
     wall = box_world(np.array([[1.9, -1.0, 2.1, 5.0]]), 4.0, 0.05)
     found = plan("astar", wall, (1.0, 2.0), (3.0, 2.0))
     assert not found.safe
 
 
-def test_cma_es_comes_near_the_optimum_and_keeps_its_account():
+def test_cma_es_comes_near_the_optimum_within_its_budget():
     pytest.importorskip("cma")
     for one in ROOM[:2]:
         found = solve("cma", one, evaluations=6000)
@@ -103,7 +105,7 @@ def test_cma_es_comes_near_the_optimum_and_keeps_its_account():
 
 
 @pytest.mark.parametrize(("name", "within"), [("informed_rrt_star", 0.02), ("bit_star", 0.05)])
-def test_sampling_planners_come_near_the_shortest_way(name, within):
+def test_sampling_planners_come_near_the_shortest_path(name, within):
     pytest.importorskip("ompl")
     for one in ROOM[:2]:
         found = solve(name, one, seed=1)
@@ -117,13 +119,13 @@ def test_sampling_planners_come_near_the_shortest_way(name, within):
 
 
 @pytest.mark.parametrize("name", ["exact", "visibility"])
-def test_a_reference_without_an_answer_says_so(name):
+def test_a_reference_that_cannot_solve_a_world_reports_it(name):
     field = scene("S4a")[0]
     assert not solve(name, field).safe
 
 
 @pytest.mark.parametrize(("name", "module"), [("cma", "cma"), ("bit_star", "ompl.base")])
-def test_a_missing_library_is_one_clear_line(monkeypatch, name, module):
+def test_a_missing_library_is_reported_with_the_way_to_install_it(monkeypatch, name, module):
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(InputError, match=r"pip install 'simloop\[references\]'"):
         make_planner(PlannerConfig(name=name), POINT)

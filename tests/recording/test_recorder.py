@@ -223,7 +223,9 @@ def test_a_file_that_cannot_be_opened_is_refused(tmp_path: Path) -> None:
 def test_messages_without_discs_or_candidates_are_recorded(tmp_path: Path) -> None:
     recorder = recorder_to(tmp_path / "bare.rrd")
     line = np.array([[0.0, 0.0], [1.0, 0.0]])
-    recorder.offer(Plan(0, line, 1.0, 1.0, 0.0, False, 10, 1, "tlbo", "first"))
+    recorder.offer(
+        Plan(0, line, 1.0, 1.0, 0.0, False, 10, 1, "tlbo", "first", safe_distance_m=0.26)
+    )
     grid = np.zeros((2, 2), np.float32)
     recorder.offer(WorldView(0, np.zeros(2), 0.05, grid, np.zeros((0, 3)), np.zeros(4)))
     recorder.close()

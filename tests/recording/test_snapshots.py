@@ -179,5 +179,8 @@ def test_beliefs_are_drawn_where_they_are() -> None:
 
 def test_candidates_and_an_empty_belief_can_be_drawn() -> None:
     line = np.array([[0.5, 3.0], [1.5, 3.0]])
-    plan = Plan(0, line, 1.0, 1.0, 0.0, True, 100, 3, "tlbo", candidates_m=(line + 0.5,))
+    beside = (line + 0.5,)
+    plan = Plan(
+        0, line, 1.0, 1.0, 0.0, True, 100, 3, "tlbo", candidates_m=beside, safe_distance_m=0.26
+    )
     assert np.any(view(plan=plan) != view())

@@ -1,78 +1,20 @@
-"""Look-ups in the map: distances between cells, obstacles as discs, the place of a scan."""
+"""Obstacles as discs, distances of cells, the place of a scan."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
-from scipy.interpolate import RegularGridInterpolator
 
-from simloop.benchmarks.planners.scenes import box_world
 from simloop.geometry.discs import discs_of
-from simloop.geometry.distance_field import (
-    FREE_M,
-    Field,
-    distance_at,
-    field_of,
-    footprint_clearance,
-)
 from simloop.geometry.se2 import compose, inverse, transform_points
 from simloop.mapping.grid_kernels import surface_distance
 from simloop.mapping.scan_match import deskew
 
 seeds = st.integers(0, 2**32 - 1)
-OFFSETS = np.array([-0.16, 0.0, 0.16])
-
-
-def random_field(rng):
-    """Uneven in rows and columns, so that none passes for the other."""
-    shape, corner = (9, 14), rng.uniform(-3, 3, 2)
-    return Field(rng.uniform(0, 2, shape).astype(np.float32), *corner.tolist(), 0.05)
-
-
-def scipys(field):
-    rows, cols = field.distance.shape
-    axes = (
-        field.y0 + field.resolution * np.arange(rows),
-        field.x0 + field.resolution * np.arange(cols),
-    )
-    values = field.distance.astype(float)
-    bilinear = RegularGridInterpolator(axes, values, bounds_error=False, fill_value=FREE_M)
-    return lambda x, y: float(bilinear((y, x)))
-
-
-@given(seed=seeds, u=st.floats(-0.2, 1.2), v=st.floats(-0.2, 1.2))
-@settings(max_examples=150)
-def test_a_distance_is_bilinear_between_the_cells_centres_and_free_beyond(seed, u, v):
-    field = random_field(np.random.default_rng(seed))
-    x = field.x0 + u * 13 * field.resolution
-    y = field.y0 + v * 8 * field.resolution
-    if min(abs(u), abs(v), abs(u - 1.0), abs(v - 1.0)) > 1e-9:
-        assert distance_at(field, x, y) == pytest.approx(scipys(field)(x, y), abs=1e-6)
-
-
-@given(seed=seeds, yaw=st.floats(-4, 4))
-@settings(max_examples=60)
-def test_a_footprint_is_as_clear_as_the_worst_of_its_discs(seed, yaw):
-    rng = np.random.default_rng(seed)
-    field = random_field(rng)
-    x = field.x0 + rng.uniform(0, 1) * 13 * field.resolution
-    y = field.y0 + rng.uniform(0, 1) * 8 * field.resolution
-    at = scipys(field)
-    centres = transform_points(np.array([x, y, yaw]), np.column_stack([OFFSETS, 0 * OFFSETS]))
-    least = min(at(*centre) for centre in centres)
-    assert footprint_clearance(field, x, y, yaw, OFFSETS) == pytest.approx(least, abs=1e-6)
-
-
-def test_a_views_field_lies_where_its_cells_are():
-    view = box_world(np.array([[1.0, 2.0, 1.5, 2.25]]), 5.0, 0.05)
-    field = field_of(view)
-    for x, y, truth in ((0.613, 2.1, 0.387), (1.2, 2.912, 0.662), (1.8, 2.65, 0.5)):
-        assert distance_at(field, x, y) == pytest.approx(truth, abs=2e-3)
 
 
 @given(seed=seeds)

@@ -1,5 +1,5 @@
-"""Planners compared on equal terms: tasks -> trials -> figures, tests of significance, a report.
+"""Comparison of planners on equal terms: tasks, trials, figures, significance tests, a report.
 
-One judge for all: J is worked out anew from the waypoints, the clearance by numpy code that shares
-nothing with the planners' kernels. Nothing here is ever used in a decision of the robot's.
+One judge rates all planners: J is recomputed from the waypoints, clearance by numpy code that
+shares nothing with the planners' kernels. No result is ever used in a decision of the robot.
 """

@@ -1,17 +1,23 @@
-"""``simloop bench planners``: every planner on every scene, and what can be said of it."""
+"""``simloop bench planners``: runs every planner on every scene and compares them."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from simloop.benchmarks.planners import judge
+from simloop.benchmarks.planners.bench_figures import (
+    Gaps,
+    compare_with_lead,
+    gaps_of,
+    rank,
+    summary,
+)
 from simloop.benchmarks.planners.jobs import make_jobs, run_jobs
 from simloop.benchmarks.planners.scenes import SCENE_NAMES
 from simloop.benchmarks.planners.tasks import (
@@ -25,26 +31,38 @@ from simloop.benchmarks.planners.trials import (
     PRECISE,
     Trial,
     handles,
-    is_rule,
+    info_of,
     prepare,
     settings,
     time_plans,
 )
 from simloop.common.errors import InputError, did_you_mean
+from simloop.common.terminal import print_table
 from simloop.config import PlannerConfig
 from simloop.evaluation.provenance import machine, versions
-from simloop.evaluation.statistics import compare
 from simloop.planners import registry
 
 LEAD = "tlbo"
-BUDGET, SEEDS, FEW, LEARNERS = 5_000, 12, 3, 100
+BUDGET, LEARNERS = 5_000, 100
+SEEDS, SEEDS_SLOW = 12, 3
+_POOLED = "S1-S4"
 _LEAD_PLANS = {LEAD: judge.PLANS, PRECISE: judge.PLANS_PRECISE}
 
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What is to be measured. seeds: at least so many plans a scene; None: `SEEDS` (`FEW` of
-    what is slow), and the lead planner on its own scenes as often as its own table asks for."""
+    """What to measure.
+
+    Attributes:
+        scenes: Names of scenes or map files; empty: all built-in scenes.
+        planners: Names of planners; empty: all whose libraries are installed.
+        budget: Most evaluations of a plan.
+        seeds: Least number of plans for each planner and scene. None: `SEEDS`, or `SEEDS_SLOW` for
+            slow planners, and the lead planner is measured on S1 to S4 by `judge.measure`.
+        learners: Size of the first population.
+        workers: Number of processes; 0: one for each core.
+        history: Whether planners that keep no history are run again with smaller budgets for one.
+    """
 
     scenes: tuple[str, ...] = ()
     planners: tuple[str, ...] = ()
@@ -55,7 +73,11 @@ class Request:
     history: bool = False
 
     def check(self) -> None:
-        """InputError, one line, for a name that nobody knows or a library that is missing."""
+        """Check the request before anything is measured.
+
+        Raises:
+            InputError: A name is unknown, a library is missing or the budget is too small.
+        """
         for name in self.scenes:
             check_scene(name)
         for name in self.planners:
@@ -66,13 +88,22 @@ class Request:
         if self.budget <= 2 * self.learners:
             raise InputError(
                 f"--budget {self.budget}: must be more than {2 * self.learners}, "
-                "two looks at the first population"
+                "two evaluations of the first population"
             )
 
 
 @dataclass(slots=True)
 class Result:
-    """All that was measured; ``interrupted`` if it is less than was asked for."""
+    """Everything that was measured.
+
+    Attributes:
+        request: What was asked for.
+        tasks: The tasks of all scenes.
+        trials: Scene -> trials of all planners.
+        ms: Scene and planner -> planning times, ms.
+        lead: Scene and planner -> figures of `judge.measure`.
+        interrupted: Whether the measurement was stopped early.
+    """
 
     request: Request
     tasks: list[Task] = field(default_factory=list)
@@ -81,36 +112,77 @@ class Result:
     lead: dict[tuple[str, str], dict[str, float]] = field(default_factory=dict)
     interrupted: bool = False
 
-    def of(self, scene: str, planner: str) -> list[Trial]:
-        """A planner's trials on a scene, by instance and seed."""
+    def trials_of(self, scene: str, planner: str) -> list[Trial]:
+        """A planner's trials on a scene.
+
+        Args:
+            scene: Name of the scene.
+            planner: Name of the planner.
+
+        Returns:
+            The trials, ordered by instance and seed.
+        """
         return [trial for trial in self.trials.get(scene, []) if trial.planner == planner]
 
-    def best(self, scene: str) -> dict[str, float | None]:
-        """Instance -> J* or the best known."""
+    def best_costs(self, scene: str) -> dict[str, float | None]:
+        """The best known J of each instance of a scene.
+
+        Args:
+            scene: Name of the scene.
+
+        Returns:
+            Instance -> J* or the best known J; None if nothing is known.
+        """
         return {task.instance.name: task.best for task in self.tasks if task.scene == scene}
 
     def scenes(self) -> list[str]:
-        """The scenes, in the order asked for."""
+        """The scenes in the order of the request.
+
+        Returns:
+            Names of the scenes.
+        """
         return list(dict.fromkeys(task.scene for task in self.tasks))
 
     def planners(self, scene: str) -> list[str]:
-        """Who has trials on a scene."""
+        """The planners that have trials on a scene.
+
+        Args:
+            scene: Name of the scene.
+
+        Returns:
+            Names of the planners.
+        """
         return list(dict.fromkeys(trial.planner for trial in self.trials.get(scene, [])))
 
 
 def names(given: list[str] | None) -> tuple[str, ...]:
-    """Names given one by one or with commas between them, each once."""
+    """Split names that are given one by one or separated by commas.
+
+    Args:
+        given: Values of a command line option; None if it was not used.
+
+    Returns:
+        Each name once, in order.
+    """
     split = [name.strip() for text in given or () for name in text.split(",")]
     return tuple(dict.fromkeys(name for name in split if name))
 
 
 def planner_names() -> tuple[str, ...]:
-    """The planners that can be compared."""
+    """The planners that can be compared.
+
+    Returns:
+        Names, whether or not their libraries are installed.
+    """
     return (*registry.available(), PRECISE)
 
 
 def available_planners() -> tuple[str, ...]:
-    """Those of them whose libraries are here."""
+    """The planners whose libraries are installed.
+
+    Returns:
+        Their names.
+    """
     found = []
     for name in planner_names():
         try:
@@ -123,23 +195,41 @@ def available_planners() -> tuple[str, ...]:
 
 
 def is_metaheuristic(name: str) -> bool:
-    """Whether a planner is one of those that the lead planner is to be first among."""
-    return is_rule(name) or name in ("ga_apf", "cma")
+    """Whether a planner is a metaheuristic that the lead planner is compared with.
+
+    Args:
+        name: Name of the planner.
+
+    Returns:
+        Whether it is.
+    """
+    return name not in (LEAD, PRECISE) and info_of(name).metaheuristic
 
 
 def run(request: Request, console: Console | None = None) -> Result:
-    """Measure. Ctrl-C ends it early: what is there by then is what is returned."""
+    """Measure what a request asks for; Ctrl-C ends the measurement early.
+
+    Args:
+        request: What to measure.
+        console: Where to show progress; None: the standard error stream.
+
+    Returns:
+        What was measured, up to an interrupt.
+
+    Raises:
+        InputError: The request is wrong.
+    """
     request.check()
     console = console or Console(stderr=True)
     result = Result(request)
-    names = request.planners or available_planners()
+    chosen = request.planners or available_planners()
     bar = Progress(
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
         console=console, transient=True, disable=not console.is_terminal,
     )  # fmt: skip
     with bar:
         try:
-            _measure(result, names, bar)
+            _measure(result, chosen, bar)
         except KeyboardInterrupt:
             result.interrupted = True
     for scene, trials in result.trials.items():
@@ -150,29 +240,32 @@ def run(request: Request, console: Console | None = None) -> Result:
     return result
 
 
-def _measure(result: Result, names: Sequence[str], bar: Progress) -> None:
+def _measure(result: Result, planners: Sequence[str], bar: Progress) -> None:
+    """Load the scenes, run all trials in processes, then time the planners one by one."""
     request = result.request
     step = bar.add_task("scenes", total=None)
     for name in request.scenes or scene_names():
         result.tasks += load_scene(name)
     jobs = make_jobs(
-        result.tasks, names,
+        result.tasks, planners,
         seeds=request.seeds or SEEDS, budget=request.budget, learners=request.learners,
         history=request.history,
-        few=FEW if request.seeds is None else None,
+        few=SEEDS_SLOW if request.seeds is None else None,
     )  # fmt: skip
     bar.update(step, description="plans", total=len(jobs), completed=0)
     workers = request.workers or os.cpu_count() or 1
     for job, trials in run_jobs(jobs, result.tasks, workers=workers):
         result.trials.setdefault(result.tasks[job.task].scene, []).extend(trials)
         bar.advance(step)
-    _time(result, names, bar)
+    _time(result, planners, bar)
 
 
-def _time(result: Result, names: Sequence[str], bar: Progress) -> None:
-    """Milliseconds, with nothing else running: the first instance of each scene stands for it. The
-    lead planner on its own scenes is measured at length instead."""
-    pairs = [(scene, name) for scene in result.scenes() for name in names]
+def _time(result: Result, planners: Sequence[str], bar: Progress) -> None:
+    """Time the planners with nothing else running, on the first instance of each scene.
+
+    By default the lead planner is measured on S1 to S4 with many plans instead.
+    """
+    pairs = [(scene, name) for scene in result.scenes() for name in planners]
     step = bar.add_task("timing", total=len(pairs))
     for scene, name in pairs:
         bar.advance(step)
@@ -189,15 +282,32 @@ def _time(result: Result, names: Sequence[str], bar: Progress) -> None:
 
 
 def figures(result: Result) -> dict[str, Any]:
-    """The JSON: scenes -> planner -> figures, then who is better and by what right."""
+    """The figures of a comparison.
+
+    Args:
+        result: What was measured.
+
+    Returns:
+        What ``simloop bench planners --json`` writes: scene -> planner -> figures, the comparison
+        with the lead planner, and the conditions of the measurement.
+    """
     request = result.request
     scenes: dict[str, dict[str, Any]] = {}
     for scene in (name for name in result.scenes() if result.planners(name)):
-        scenes[scene] = {name: summary(result, scene, name) for name in result.planners(scene)}
+        best = result.best_costs(scene)
+        scenes[scene] = {
+            name: summary(
+                result.trials_of(scene, name),
+                best,
+                result.ms.get((scene, name), []),
+                result.lead.get((scene, name)),
+            )
+            for name in result.planners(scene)
+        }
     return {
         "scenes": scenes,
         "comparison": comparison(result),
-        "best": {scene: result.best(scene) for scene in result.scenes()},
+        "best": {scene: result.best_costs(scene) for scene in result.scenes()},
         "budget": request.budget,
         "learners": request.learners,
         "seeds": request.seeds or SEEDS,
@@ -207,54 +317,21 @@ def figures(result: Result) -> dict[str, Any]:
     }
 
 
-def summary(result: Result, scene: str, name: str) -> dict[str, float | int | None]:
-    """One planner on one scene. Milliseconds; gaps in percent of the best J, of the score, which
-    prices what a path lacks; None where nothing is known to compare with."""
-    trials, best = result.of(scene, name), result.best(scene)
-    gaps = gaps_of(trials, best)
-    spread: dict[str, list[float]] = {}
-    for trial in trials:
-        spread.setdefault(trial.instance, []).append(trial.verdict.score)
-    ms = result.ms.get((scene, name), [])
-    found: dict[str, float | int | None] = {
-        "ms_p50": float(np.percentile(ms, 50)) if ms else None,
-        "ms_p99": float(np.percentile(ms, 99)) if ms else None,
-        "gap_p50": float(np.percentile(gaps, 50)) if gaps else None,
-        "gap_p95": float(np.percentile(gaps, 95)) if gaps else None,
-        "safe": float(np.mean([trial.verdict.safe for trial in trials])),
-        "success": float(np.mean([trial.verdict.success for trial in trials])),
-        "std": float(np.mean([np.std(scores) for scores in spread.values()])),
-        "evaluations": float(np.mean([trial.evaluations for trial in trials])),
-        "length": float(np.median([trial.verdict.length_m for trial in trials])),
-        "turning": float(np.median([trial.verdict.turning_rad for trial in trials])),
-        "plans": len(trials),
-        "timed": len(ms),
-    }
-    at_length = result.lead.get((scene, name))
-    if at_length is not None:
-        found |= {**at_length, "timed": int(at_length["plans"])}
-    return found
-
-
-def gaps_of(trials: Sequence[Trial], best: dict[str, float | None]) -> list[float]:
-    """Gap of each trial's score, %, where there is a best J."""
-    found = []
-    for trial in trials:
-        least = best[trial.instance]
-        if least is not None:
-            found.append(100.0 * (trial.verdict.score / least - 1.0))
-    return found
-
-
 def comparison(result: Result) -> dict[str, dict[str, Any]]:
-    """Scene -> rival -> the lead planner's gaps against it, paired by instance and seed; with
-    ``S1-S4`` over all of the project's own scenes at once."""
-    gaps: dict[str, dict[str, dict[tuple[str, int], float]]] = {}
+    """Compare the lead planner with the other metaheuristics, paired by instance and seed.
+
+    Args:
+        result: What was measured.
+
+    Returns:
+        Scene -> rival -> test of the difference. The scene ``S1-S4`` pools the project's own.
+    """
+    gaps: dict[str, dict[str, Gaps]] = {}
     for scene in result.scenes():
-        best = result.best(scene)
+        best = result.best_costs(scene)
         for name in result.planners(scene):
             if name == LEAD or is_metaheuristic(name):
-                trials = [t for t in result.of(scene, name) if best[t.instance] is not None]
+                trials = [t for t in result.trials_of(scene, name) if best[t.instance] is not None]
                 values = gaps_of(trials, best)
                 keyed = {
                     (trial.instance, trial.seed): gap
@@ -262,32 +339,20 @@ def comparison(result: Result) -> dict[str, dict[str, Any]]:
                 }
                 gaps.setdefault(scene, {})[name] = keyed
                 if scene in SCENE_NAMES:
-                    pooled = gaps.setdefault("S1-S4", {}).setdefault(name, {})
+                    pooled = gaps.setdefault(_POOLED, {}).setdefault(name, {})
                     pooled.update(keyed)
-    return {scene: _compare(named) for scene, named in gaps.items() if len(named) > 1}
-
-
-def _compare(named: dict[str, dict[tuple[str, int], float]]) -> dict[str, Any]:
-    lead = named.get(LEAD, {})
-    pairs = {
-        name: [(lead[key], gap) for key, gap in keyed.items() if key in lead]
-        for name, keyed in named.items()
-        if name != LEAD
+    return {
+        scene: compare_with_lead(named, LEAD) for scene, named in gaps.items() if len(named) > 1
     }
-    keys = sorted(set(lead).intersection(*[set(keyed) for keyed in named.values()]))
-    if not keys or not pairs:
-        return {}
-    found = compare(
-        [lead[key] for key in keys],
-        {name: [named[name][key] for key in keys] for name in pairs},
-    )
-    return {name: asdict(one) for name, one in found.items()}
 
 
 def print_figures(console: Console, found: dict[str, Any]) -> None:
-    """The figures as tables for the terminal."""
-    from simloop.common.terminal import print_table
+    """Print one table for each scene, the best planner first.
 
+    Args:
+        console: Where to print.
+        found: What `figures` returned.
+    """
     header = [
         "planner",
         "ms p50",
@@ -310,13 +375,12 @@ def print_figures(console: Console, found: dict[str, Any]) -> None:
             ]
             for name, at in ((name, named[name]) for name in order)
         ]  # fmt: skip
-        print_table(console, f"{scene}: cold plans, on {found['machine']['cpu']}", header, rows)
-
-
-def rank(at: dict[str, Any]) -> tuple[float, float]:
-    """What a planner's figures are sorted by: success, then the median gap."""
-    gap = at["gap_p50"]
-    return (-at["success"], np.inf if gap is None else gap)
+        print_table(
+            console,
+            f"{scene}: plans without a previous plan, on {found['machine']['cpu']}",
+            header,
+            rows,
+        )
 
 
 def _show(value: float | None, digits: int) -> str:

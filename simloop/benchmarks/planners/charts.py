@@ -1,4 +1,4 @@
-"""Pictures of a comparison, as text that goes straight into the page."""
+"""Charts of a comparison, as SVG or HTML text for the report page."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
 
-from simloop.benchmarks.planners.bench import LEAD, Result, gaps_of, is_metaheuristic
+from simloop.benchmarks.planners.bench import LEAD, Result, is_metaheuristic
+from simloop.benchmarks.planners.bench_figures import gaps_of
 from simloop.benchmarks.planners.scenes import Instance
 from simloop.benchmarks.planners.weights import NAMES, Study
 from simloop.common.html_images import drawn
@@ -24,7 +25,16 @@ _LEAST_GAP = 1e-3
 
 
 def paths(result: Result, scene: str, columns: int = 6) -> str:
-    """One panel a planner: what it planned on the scene's first instance, unsafe ones dashed."""
+    """Draw the paths on the first instance of a scene, one panel for each planner.
+
+    Args:
+        result: What was measured.
+        scene: Name of the scene.
+        columns: Panels in a row.
+
+    Returns:
+        HTML image; unsafe paths are dashed.
+    """
     one = next(task.instance for task in result.tasks if task.scene == scene)
     names = result.planners(scene)
     rows = math.ceil(len(names) / columns)
@@ -34,7 +44,7 @@ def paths(result: Result, scene: str, columns: int = 6) -> str:
         axis.set_axis_off()
     for axis, name in zip(axes, names, strict=False):
         _draw_world(axis, one)
-        mine = [trial for trial in result.of(scene, name) if trial.instance == one.name]
+        mine = [trial for trial in result.trials_of(scene, name) if trial.instance == one.name]
         for trial in mine[:_MOST_PATHS]:
             good = trial.verdict.success
             colour = (_LEAD_COLOUR if name == LEAD else _SAFE) if good else _UNSAFE
@@ -46,7 +56,7 @@ def paths(result: Result, scene: str, columns: int = 6) -> str:
 
 
 def _draw_world(axis: Any, one: Instance) -> None:
-    """Obstacles, and about discs the safe distance."""
+    """Draw the obstacles, and the safe distance around discs."""
     world = one.world
     for x, y, r in world.discs_xyr_m:
         axis.add_patch(Circle((x, y), r + one.safe_m, fc="none", ec=_SOLID, lw=0.4))
@@ -70,8 +80,16 @@ def _draw_world(axis: Any, one: Instance) -> None:
 
 
 def curves(result: Result, scene: str) -> str:
-    """Convergence (median gap against evaluations) and the ECDF of evaluations to the targets."""
-    known = {name: best for name, best in result.best(scene).items() if best is not None}
+    """Draw convergence (median gap over evaluations) and the ECDF of evaluations to the targets.
+
+    Args:
+        result: What was measured.
+        scene: Name of the scene.
+
+    Returns:
+        SVG; empty if no best J is known or no planner has a history.
+    """
+    known = {name: best for name, best in result.best_costs(scene).items() if best is not None}
     names = [name for name in result.planners(scene) if _has_curve(name)]
     if not known or not names:
         return ""
@@ -80,7 +98,7 @@ def curves(result: Result, scene: str) -> str:
     most = result.request.budget
     grid = np.geomspace(max(10.0, most / 200), most, _GRID_POINTS)
     for number, name in enumerate(names):
-        trials = [trial for trial in result.of(scene, name) if trial.instance in known]
+        trials = [trial for trial in result.trials_of(scene, name) if trial.instance in known]
         histories = [trial.history for trial in trials]
         best = [known[trial.instance] for trial in trials]
         style = _style(number, name)
@@ -97,10 +115,12 @@ def curves(result: Result, scene: str) -> str:
 
 
 def _has_curve(name: str) -> bool:
+    """Whether a planner improves its path with the number of evaluations."""
     return is_metaheuristic(name) or name in (LEAD, "tlbo_precise", "informed_rrt_star", "bit_star")
 
 
 def _style(number: int, name: str) -> dict[str, Any]:
+    """Line style of a planner; the lead planner stands out."""
     if name == LEAD:
         return {"color": _LEAD_COLOUR, "lw": 2.4, "label": name, "zorder": 9}
     colour = matplotlib.colormaps["tab20"](number % 20)
@@ -109,9 +129,17 @@ def _style(number: int, name: str) -> dict[str, Any]:
 
 
 def spread(result: Result, scene: str) -> str:
-    """All gaps of each planner, best median on top."""
-    best = result.best(scene)
-    gaps = {name: gaps_of(result.of(scene, name), best) for name in result.planners(scene)}
+    """Draw the gaps of each planner as box plots, the best median on top.
+
+    Args:
+        result: What was measured.
+        scene: Name of the scene.
+
+    Returns:
+        SVG; empty if no best J is known.
+    """
+    best = result.best_costs(scene)
+    gaps = {name: gaps_of(result.trials_of(scene, name), best) for name in result.planners(scene)}
     gaps = {name: values for name, values in gaps.items() if values}
     if not gaps:
         return ""
@@ -130,7 +158,14 @@ def spread(result: Result, scene: str) -> str:
 
 
 def weights(done: Study) -> str:
-    """Pareto front, scores, loadings and importance, as the lead paper's Figures 7 to 10."""
+    """Draw Pareto front, scores, loadings and importance (Sabiha 2022, online TLBO, Figs. 7-10).
+
+    Args:
+        done: The weight study.
+
+    Returns:
+        SVG.
+    """
     figure = Figure(figsize=(12.0, 3.4), layout="constrained")
     front, scores, loadings, importance = figure.subplots(1, 4)
     front.scatter(done.length_m, done.turning_rad, c=done.w1, cmap="viridis", s=18)
@@ -154,6 +189,7 @@ def weights(done: Study) -> str:
 
 
 def _svg(figure: Figure) -> str:
+    """A figure as SVG without XML header and date, so that equal data give equal text."""
     out = io.StringIO()
     figure.savefig(out, format="svg", metadata={"Date": None})
     text = out.getvalue()

@@ -13,8 +13,7 @@ from simloop.benchmarks.planners.tasks import Task
 from simloop.benchmarks.planners.trials import (
     Trial,
     handles,
-    is_by_chance,
-    is_slow,
+    info_of,
     settings,
     try_once,
 )
@@ -53,8 +52,8 @@ def make_jobs(
         each = -(-seeds // count[task.scene])
         for name in planners:
             if handles(name, task.instance):
-                most = few if few is not None and is_slow(name) else each
-                wanted = range(min(each, most) if is_by_chance(name) else 1)
+                most = few if few is not None and info_of(name).slow else each
+                wanted = range(min(each, most) if info_of(name).stochastic else 1)
                 jobs.append(Job(number, name, tuple(wanted), budget, learners, history))
     return jobs
 

@@ -1,4 +1,7 @@
-"""What a path is worth, whoever planned it: J, clearance and arrival from its waypoints alone."""
+"""Rating of a planned path by its waypoints alone: J, clearance and arrival at the goal.
+
+The code shares nothing with the planners' kernels, so that it can find their faults.
+"""
 
 from __future__ import annotations
 
@@ -6,43 +9,43 @@ import gc
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from time import perf_counter
-from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.progress import Progress
 
-from simloop.benchmarks.planners.scenes import (
-    SCENE_NAMES,
-    Instance,
-    box_distance,
-    scene,
-    true_clearance,
-)
-from simloop.common.terminal import print_table
+from simloop.benchmarks.planners.scenes import Instance, box_distance, true_clearance
 from simloop.config import PlannerConfig, VehicleConfig
-from simloop.evaluation.provenance import machine, versions
 from simloop.messages import FloatArray
 from simloop.planners.problem.clearance import SAFE_WITHIN_M
 from simloop.planners.problem.objective import LEAST_INTRUSION_M
+from simloop.planners.protocol import PlanningTask
 from simloop.planners.reference.exact import exact_path
 from simloop.planners.registry import make_planner
 
 PLANS = 1000
+"""Plans for each scene when the lead planner is measured."""
 PLANS_PRECISE = 200
+"""The same with its precise setting."""
 _CHECK_STEP_M = 1e-3
 _POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))
-
-
 AT_GOAL_M = 1e-6
+"""Distance from the goal within which a path has reached it, m."""
 _SAMPLE_M = 1e-3
-_CHUNK = 20_000
+_CHUNK = 20_000  # samples x boxes
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """cost: J of the path alone. score: J with what it lacks of clearance and of the way to the
-    goal priced as the planners' objective prices it, so that an unsafe path never wins."""
+    """The rating of a path.
+
+    Attributes:
+        cost: J of the path alone.
+        score: J plus the penalties of the planners' objective for missing clearance and for the
+            distance left to the goal, so that an unsafe path never wins.
+        length_m: Length, m.
+        turning_rad: Summed turning, rad.
+        safe: Whether the path keeps the safe distance, to `SAFE_WITHIN_M`.
+        reached: Whether it ends at the goal.
+    """
 
     cost: float
     score: float
@@ -58,7 +61,15 @@ class Verdict:
 
 
 def judge(instance: Instance, path: FloatArray) -> Verdict:
-    """Look at a path (M, 2)."""
+    """Rate a path.
+
+    Args:
+        instance: The task.
+        path: (M, 2) waypoints, m, map frame.
+
+    Returns:
+        The rating.
+    """
     weights = PlannerConfig()
     cost = path_cost(path)
     length = float(np.hypot(*np.diff(path, axis=0).T).sum())
@@ -75,8 +86,18 @@ def judge(instance: Instance, path: FloatArray) -> Verdict:
 
 
 def clearance(instance: Instance, path: FloatArray) -> float:
-    """Least distance of a path (M, 2) from any obstacle, m; negative within a disc, 0 or less
-    within a box or polygon. Exact among discs and polygons, sampled each mm among boxes."""
+    """Least distance of a path from any obstacle.
+
+    It is exact among discs and polygons, and sampled every millimetre among boxes.
+
+    Args:
+        instance: The task.
+        path: (M, 2) waypoints, m, map frame.
+
+    Returns:
+        Distance, m; negative inside a disc, 0 inside a box or polygon. Among boxes it is at most
+        twice the safe distance.
+    """
     a, b = path[:-1], path[1:]
     worst = np.inf
     discs = instance.world.discs_xyr_m
@@ -90,7 +111,7 @@ def clearance(instance: Instance, path: FloatArray) -> float:
 
 
 def _to_segments(points: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
-    """(S, N) distance of points (N, 2) to segments a-b (S, 2)."""
+    """Distances (S, N) from points (N, 2) to segments a-b (S, 2), m."""
     step = b - a
     square = np.maximum((step**2).sum(axis=1), 1e-300)[:, None]
     from_a = points[None] - a[:, None]
@@ -101,7 +122,7 @@ def _to_segments(points: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray
 
 
 def _polygon_clearance(polygon: FloatArray, a: FloatArray, b: FloatArray) -> float:
-    """Of segments to one polygon (N, 2), any way round; 0 where one meets it."""
+    """Distance from segments to a polygon (N, 2) of either orientation, m; 0 if they meet."""
     c, d = polygon, np.roll(polygon, -1, axis=0)
     ends = np.concatenate([a, b[-1:]])
     if _inside(polygon, ends).any() or _cross(a, b, c, d).any():
@@ -110,7 +131,7 @@ def _polygon_clearance(polygon: FloatArray, a: FloatArray, b: FloatArray) -> flo
 
 
 def _cross(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> np.ndarray:
-    """(S, N) whether segment a-b (S, 2) crosses edge c-d (N, 2)."""
+    """Which segments a-b (S, 2) cross which edges c-d (N, 2), as (S, N)."""
 
     def side(p: FloatArray, q: FloatArray, r: FloatArray) -> FloatArray:
         u, v = q - p, r - p
@@ -123,7 +144,7 @@ def _cross(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> np.nda
 
 
 def _inside(polygon: FloatArray, points: FloatArray) -> np.ndarray:
-    """(N,) whether points (N, 2) lie in a polygon, by counting its edges to their right."""
+    """Which points (N, 2) lie in a polygon, as (N,): an odd number of edges is on their right."""
     c, d = polygon[None], np.roll(polygon, -1, axis=0)[None]
     x, y = points[:, None, 0], points[:, None, 1]
     spans = (c[..., 1] > y) != (d[..., 1] > y)
@@ -133,7 +154,7 @@ def _inside(polygon: FloatArray, points: FloatArray) -> np.ndarray:
 
 
 def _box_clearance(instance: Instance, a: FloatArray, b: FloatArray) -> float:
-    """Of segments to the boxes near them; boxes beyond twice the safe distance do not matter."""
+    """Distance from segments to the boxes within twice the safe distance, by samples, m."""
     boxes, reach, worst = instance.boxes_m, 2.0 * instance.safe_m, np.inf
     for p, q in zip(a, b, strict=True):
         low, high = np.minimum(p, q) - reach, np.maximum(p, q) + reach
@@ -143,6 +164,7 @@ def _box_clearance(instance: Instance, a: FloatArray, b: FloatArray) -> float:
             continue
         count = 2 + int(np.hypot(*(q - p)) / _SAMPLE_M)
         points = p + np.linspace(0.0, 1.0, count)[:, None] * (q - p)
+        # In chunks, because the table of samples by boxes may not fit into memory.
         size = max(1, _CHUNK // len(near))
         for k in range(0, count, size):
             worst = min(worst, float(box_distance(near, points[k : k + size]).min()))
@@ -151,7 +173,15 @@ def _box_clearance(instance: Instance, a: FloatArray, b: FloatArray) -> float:
 
 @dataclass(slots=True)
 class _Tally:
-    """What the plans of one planner on one scene came to; spread: std of J, one an instance."""
+    """Samples from the plans of one planner on one scene.
+
+    Attributes:
+        ms: Planning times, ms.
+        gap: Gaps of J over J*, %.
+        safe: Whether each plan is safe.
+        evaluations: Evaluations that each plan took.
+        spread: Standard deviation of J, one for each instance.
+    """
 
     ms: list[float] = field(default_factory=list)
     gap: list[float] = field(default_factory=list)
@@ -160,7 +190,12 @@ class _Tally:
     spread: list[float] = field(default_factory=list)
 
     def figures(self) -> dict[str, float]:
-        """The JSON's keys: milliseconds, percent, a fraction, J, and a mean count."""
+        """Summarise the samples.
+
+        Returns:
+            Percentiles of times (ms) and gaps (%), share of safe plans, mean spread of J, mean
+            evaluations, number of plans.
+        """
         return {
             "ms_p50": float(np.percentile(self.ms, 50)),
             "ms_p99": float(np.percentile(self.ms, 99)),
@@ -173,28 +208,18 @@ class _Tally:
         }
 
 
-def run(plans: int = PLANS, precise: int = PLANS_PRECISE) -> dict[str, Any]:
-    """The figures of ``simloop bench planners --json``.
-
-    plans, precise: at least this many plans a scene, shared by its instances.
-    """
-    jobs = [("tlbo", PlannerConfig(), plans)]
-    jobs.append(("tlbo_precise", PlannerConfig(name="tlbo", precise=True), precise))
-    found: dict[str, dict[str, dict[str, float]]] = {name: {} for name in SCENE_NAMES}
-    console = Console(stderr=True)
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-        bar = progress.add_task("", total=len(jobs) * len(SCENE_NAMES))
-        for name in SCENE_NAMES:
-            instances = [(one, optimum(one)) for one in scene(name)]
-            for planner, config, count in jobs:
-                progress.update(bar, description=f"{name}, {planner}")
-                found[name][planner] = measure(instances, config, count)
-                progress.advance(bar)
-    return {"scenes": found, "machine": machine(), "versions": versions()}
-
-
 def optimum(instance: Instance) -> float:
-    """J* of an instance; among discs it is worked out."""
+    """The optimum J* of an instance.
+
+    Args:
+        instance: A task with discs only, or one whose optimum is on record.
+
+    Returns:
+        J*.
+
+    Raises:
+        ValueError: No path connects start and goal.
+    """
     if instance.best_cost is not None:
         return instance.best_cost
     weights = PlannerConfig()
@@ -208,12 +233,21 @@ def optimum(instance: Instance) -> float:
         turning_weight=weights.turning_weight,
     )
     if best is None:
-        raise ValueError(f"{instance.name} has no way to the goal")
+        raise ValueError(f"{instance.name}: no path connects start and goal")
     return best.cost
 
 
 def path_cost(waypoints: FloatArray) -> float:
-    """J of a polyline (M, 2) without obstacles, by headings (the kernels go by cross products)."""
+    """J of a polyline with the default weights, obstacles aside.
+
+    Turning is summed from headings; the planners' kernels use cross products instead.
+
+    Args:
+        waypoints: (M, 2) waypoints, m.
+
+    Returns:
+        w1 length + w2 turning (Sabiha 2022, online TLBO, Eq. 12).
+    """
     weights = PlannerConfig()
     steps = np.diff(waypoints, axis=0)
     lengths = np.hypot(steps[:, 0], steps[:, 1])
@@ -227,7 +261,16 @@ def path_cost(waypoints: FloatArray) -> float:
 def measure(
     instances: Iterable[tuple[Instance, float]], config: PlannerConfig, plans: int
 ) -> dict[str, float]:
-    """Plan each instance (given with its J*) from many seeds and sum up."""
+    """Measure a planner in this process on several instances.
+
+    Args:
+        instances: The tasks, each with its J*.
+        config: The planner's settings; the safe distance is taken from each instance.
+        plans: Least number of plans, shared equally by the instances.
+
+    Returns:
+        Figures by name, see `bench.figures`.
+    """
     todo, tally = list(instances), _Tally()
     seeds = -(-plans // len(todo))
     for instance, best in todo:
@@ -240,33 +283,21 @@ def _measure_one(
 ) -> None:
     config = replace(config, safe_distance_m=instance.safe_m, start_turn_weight=0.0)
     planner = make_planner(config, _POINT)
-    task = (instance.world, instance.start, instance.goal)
-    planner.plan(*task, np.random.default_rng(0))  # warms the kernels and caches up
-    costs, ways = [], []
+    task = PlanningTask(instance.world, instance.start, instance.goal, instance.safe_m)
+    planner.plan(task, np.random.default_rng(0))  # compiles the kernels and fills the caches
+    costs, paths = [], []
     gc.collect()
     for seed in range(seeds):
         rng = np.random.default_rng(seed)
         began = perf_counter()
-        plan = planner.plan(*task, rng)
+        plan = planner.plan(task, rng)
         tally.ms.append(1e3 * (perf_counter() - began))
         tally.evaluations.append(plan.evaluations)
         costs.append(path_cost(plan.waypoints_m))
-        ways.append(plan.waypoints_m)
+        paths.append(plan.waypoints_m)
+    # Judged after all plans, so that the checks do not disturb the timing.
     tally.gap += [100.0 * (cost / best - 1.0) for cost in costs]
     tally.spread.append(float(np.std(costs)))
-    for way in ways:
-        clear = true_clearance(instance, way, _CHECK_STEP_M)
+    for path in paths:
+        clear = true_clearance(instance, path, _CHECK_STEP_M)
         tally.safe.append(clear >= instance.safe_m - SAFE_WITHIN_M)
-
-
-def print_figures(console: Console, figures: dict[str, Any]) -> None:
-    """The figures as a table for the terminal."""
-    header = ["scene", "planner", "ms p50", "p99", "gap % p50", "p95", "safe %", "std", "trials"]
-    rows = [
-        [name, planner, f"{at['ms_p50']:.2f}", f"{at['ms_p99']:.2f}", f"{at['gap_p50']:.3f}",
-         f"{at['gap_p95']:.3f}", f"{100.0 * at['safe']:.1f}", f"{at['std']:.4f}",
-         f"{at['evaluations']:.0f}"]
-        for name, planners in figures["scenes"].items()
-        for planner, at in planners.items()
-    ]  # fmt: skip
-    print_table(console, f"cold plans, on {figures['machine']['cpu']}", header, rows)

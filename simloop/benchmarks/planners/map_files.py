@@ -1,9 +1,9 @@
-"""Planning tasks from files: MovingAI maps with their scenarios, and images, dark where blocked.
+"""Planning tasks from files: MovingAI maps with scenarios, and images that are dark where blocked.
 
-Format: https://movingai.com/benchmarks/formats.html. A cell is `CELL_M` wide; the robot is a point
-that keeps `SAFE_CELLS` of a cell, so that it passes where one cell is free. The planners get a
-distance field four times as fine as the map (twice, if that is large), the judge the blocked cells
-themselves.
+Format: https://movingai.com/benchmarks/formats.html. A cell is `CELL_M` wide. The robot is a point
+that keeps a distance of `SAFE_CELLS` cells, so that it fits through a gap of one cell. The planners
+get a distance field with four times the map's resolution (twice on large maps), the judge gets the
+blocked cells themselves.
 """
 
 from __future__ import annotations
@@ -24,19 +24,26 @@ CELL_M = 0.2
 SAFE_CELLS = 0.35
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".tif", ".tiff")
 TASKS = 10
-"""How many of a scenario file's tasks are taken, evenly from the easiest to the hardest."""
-_FINE = 4
+"""Tasks taken from a scenario file, evenly spaced from the first (easiest) to the last."""
+_FINE = 4  # cells of the distance field along a map's cell
 _MOST_CELLS, _LARGE_CELLS = 2**20, 2**18
 _MOST_BYTES = 2**26
 _FREE, _BLOCKED = ".GS", "@OTW"
-_DARK = 128
+_DARK = 128  # grey value below which a pixel is blocked
 
 Blocked = NDArray[np.bool_]
+"""(rows, cols), row 0 at the top: True where a cell is blocked."""
 
 
 @dataclass(frozen=True, slots=True)
-class Errand:
-    """One line of a scenario: start and goal as column, row; length: the octile optimum, cells."""
+class MapTask:
+    """One line of a scenario file.
+
+    Attributes:
+        start: Column and row of the start cell.
+        goal: Column and row of the goal cell.
+        length: Length of the optimal path over an eight-connected grid, cells.
+    """
 
     start: tuple[int, int]
     goal: tuple[int, int]
@@ -44,31 +51,47 @@ class Errand:
 
 
 def is_map_file(name: str) -> bool:
-    """Whether a scene's name looks like a file of one of the kinds read here."""
+    """Whether a scene's name is that of a file which can be read here.
+
+    Args:
+        name: Name of a scene, or path of a file.
+
+    Returns:
+        Whether its suffix is ``.map``, ``.scen`` or that of an image.
+    """
     return name.lower().endswith((".map", ".scen", *IMAGES))
 
 
 def load_file(path: Path) -> list[Instance]:
-    """The tasks of a .map (with its .map.scen, if that lies beside it), a .scen or an image.
+    """Read the tasks of a map, a scenario or an image.
 
-    Raises InputError, one line, for whatever cannot be read.
+    Args:
+        path: A ``.map`` (its ``.map.scen`` is used if it lies in the same folder), a ``.scen`` or
+            an image.
+
+    Returns:
+        At most `TASKS` tasks. Without a scenario there is one, across the map's largest open part.
+
+    Raises:
+        InputError: A file cannot be read, or does not keep to the format.
     """
     suffix = path.suffix.lower()
     if suffix in IMAGES:
         return _instances(path, read_image(path), [])
     if suffix == ".scen":
-        errands = parse_scenario(_text(path), path)
+        tasks = parse_scenario(_text(path), path)
         beside = path.with_suffix("")
         if beside.suffix.lower() != ".map":
             beside = path.with_suffix(".map")
-        return _instances(path, parse_map(_text(beside), beside), errands)
+        return _instances(path, parse_map(_text(beside), beside), tasks)
     blocked = parse_map(_text(path), path)
     scenario = Path(f"{path}.scen")
-    errands = parse_scenario(_text(scenario), scenario) if scenario.is_file() else []
-    return _instances(path, blocked, errands)
+    tasks = parse_scenario(_text(scenario), scenario) if scenario.is_file() else []
+    return _instances(path, blocked, tasks)
 
 
 def _bytes(path: Path) -> bytes:
+    """Content of a file; InputError if it is too large or cannot be read."""
     try:
         if path.stat().st_size > _MOST_BYTES:
             raise InputError(f"{path}: larger than {_MOST_BYTES >> 20} MB")
@@ -82,7 +105,18 @@ def _text(path: Path) -> str:
 
 
 def parse_map(text: str, source: Path) -> Blocked:
-    """(rows, cols) of a MovingAI map, row 0 on top: True where nothing may pass."""
+    """Read a MovingAI map.
+
+    Args:
+        text: The file's content.
+        source: Its path, for error messages.
+
+    Returns:
+        (rows, cols), row 0 at the top: True where a cell is blocked.
+
+    Raises:
+        InputError: The text does not keep to the format; the message names the line.
+    """
     lines = text.splitlines()
     sizes: dict[str, int] = {}
     for number, wanted in enumerate(("type", "height", "width", "map")):
@@ -112,6 +146,7 @@ def parse_map(text: str, source: Path) -> Blocked:
 
 
 def _size(words: list[str], line: int, source: Path) -> int:
+    """A height or width from a line of the header."""
     try:
         (word,) = words
         size = int(word)
@@ -122,12 +157,26 @@ def _size(words: list[str], line: int, source: Path) -> int:
     return size
 
 
-def parse_scenario(text: str, source: Path) -> list[Errand]:
-    """The errands of a MovingAI .scen: bucket, map, width, height, start, goal, octile length."""
+def parse_scenario(text: str, source: Path) -> list[MapTask]:
+    """Read a MovingAI scenario.
+
+    Each line has nine columns: bucket, map, its width and height, column and row of the start and
+    of the goal, optimal octile length.
+
+    Args:
+        text: The file's content.
+        source: Its path, for error messages.
+
+    Returns:
+        The tasks in the order of the file; at least one.
+
+    Raises:
+        InputError: The text does not keep to the format; the message names the line.
+    """
     lines = text.splitlines()
     if not lines or lines[0].split() not in (["version", "1"], ["version", "1.0"]):
         raise InputError(f"{source}: line 1: expected 'version 1'")
-    errands = []
+    tasks = []
     for number, line in enumerate(lines[1:], start=2):
         if not line.strip():
             continue
@@ -138,17 +187,27 @@ def parse_scenario(text: str, source: Path) -> list[Errand]:
             x0, y0, x1, y1 = (int(word) for word in words[4:8])
             length = float(words[8])
         except ValueError:
-            raise InputError(f"{source}: line {number}: columns 5 to 9 are to be numbers") from None
+            raise InputError(f"{source}: line {number}: columns 5 to 9 must be numbers") from None
         if not np.isfinite(length) or length < 0.0 or min(x0, y0, x1, y1) < 0:
-            raise InputError(f"{source}: line {number}: negative or not finite")
-        errands.append(Errand((x0, y0), (x1, y1), length))
-    if not errands:
-        raise InputError(f"{source}: no task in it")
-    return errands
+            raise InputError(f"{source}: line {number}: a cell or length is negative or not finite")
+        tasks.append(MapTask((x0, y0), (x1, y1), length))
+    if not tasks:
+        raise InputError(f"{source}: contains no task")
+    return tasks
 
 
 def read_image(path: Path) -> Blocked:
-    """(rows, cols): True where an image is dark (transparent counts as white)."""
+    """Read an image as a map.
+
+    Args:
+        path: The image; transparent pixels count as white.
+
+    Returns:
+        (rows, cols), row 0 at the top: True where a pixel is dark.
+
+    Raises:
+        InputError: The file is not an image, or too large.
+    """
     data = np.frombuffer(_bytes(path), dtype=np.uint8)
     try:
         image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
@@ -157,7 +216,7 @@ def read_image(path: Path) -> Blocked:
     if image is None or image.size == 0:
         raise InputError(f"{path}: not an image that can be read")
     if image.shape[0] * image.shape[1] > _MOST_CELLS:
-        raise InputError(f"{path}: more than {_MOST_CELLS} pixels")
+        raise InputError(f"{path}: more than {_MOST_CELLS} pixels, the largest size allowed")
     if image.dtype != np.uint8:
         most = 65535.0 if image.dtype == np.uint16 else 1.0
         image = np.clip(image / most * 255.0, 0, 255).astype(np.uint8)
@@ -169,45 +228,45 @@ def read_image(path: Path) -> Blocked:
     return np.asarray(grey < _DARK)
 
 
-def _instances(path: Path, blocked: Blocked, errands: list[Errand]) -> list[Instance]:
-    """Tasks on a map: those given, else between the two ends of its largest open part."""
+def _instances(path: Path, blocked: Blocked, tasks: list[MapTask]) -> list[Instance]:
+    """Instances on a map, for the given tasks or for one across its largest open part."""
     rows, cols = blocked.shape
     world, boxes = _world(blocked), _boxes(blocked)
-    if not errands:
-        errands = [_furthest(blocked, path)]
-    for errand in errands:
-        for x, y in (errand.start, errand.goal):
+    if not tasks:
+        tasks = [_furthest(blocked, path)]
+    for task in tasks:
+        for x, y in (task.start, task.goal):
             if x >= cols or y >= rows or blocked[y, x]:
                 raise InputError(f"{path}: column {x}, row {y} is not a free cell of the map")
-    errands = [e for e in errands if e.start != e.goal] or errands
-    count = min(TASKS, len(errands))
-    chosen = [errands[round(k)] for k in np.linspace(0, len(errands) - 1, count)]
+    tasks = [e for e in tasks if e.start != e.goal] or tasks
+    count = min(TASKS, len(tasks))
+    chosen = [tasks[round(k)] for k in np.linspace(0, len(tasks) - 1, count)]
     return [
         Instance(
             f"{path.stem}-{number}",
             world,
-            np.array([*_centre(errand.start, rows), 0.0]),
-            _centre(errand.goal, rows),
+            np.array([*_centre(task.start, rows), 0.0]),
+            _centre(task.goal, rows),
             SAFE_CELLS * CELL_M,
             boxes,
         )
-        for number, errand in enumerate(chosen)
+        for number, task in enumerate(chosen)
     ]
 
 
 def _centre(cell: tuple[int, int], rows: int) -> FloatArray:
-    """(2,) a cell's middle, x to the right and y up from the map's lower left corner, m."""
+    """Centre (2,) of a cell, x to the right and y up from the map's lower left corner, m."""
     return CELL_M * np.array([cell[0] + 0.5, rows - cell[1] - 0.5])
 
 
 def _world(blocked: Blocked) -> WorldView:
-    """The map, walled in, as a distance field."""
+    """The map with a wall around it, as a distance field."""
     parts = _FINE if blocked.size <= _LARGE_CELLS else _FINE // 2
     solid = np.flipud(np.pad(blocked, 1, constant_values=True))
     fine = np.kron(solid, np.ones((parts, parts), dtype=bool))
     resolution = CELL_M / parts
-    # On a lattice of half cells, where a blocked cell has its border too, the nearest point of any
-    # blocked cell is a lattice point: the distances at the cells' middles are exact.
+    # On a lattice of half cells, which has nodes on the border of a blocked cell too, the nearest
+    # point of every blocked cell is a node. The distances at the cells' centres are exact.
     half = np.zeros((2 * fine.shape[0] + 1, 2 * fine.shape[1] + 1), dtype=bool)
     for i in range(3):
         for j in range(3):
@@ -225,7 +284,7 @@ def _world(blocked: Blocked) -> WorldView:
 
 
 def _boxes(blocked: Blocked) -> FloatArray:
-    """(B, 4) the blocked cells and the wall about the map, runs of cells in a row as one box."""
+    """Boxes (B, 4) of the blocked cells and the outer wall, one for each run of cells in a row."""
     solid = np.flipud(np.pad(blocked, 1, constant_values=True))
     edge = np.diff(np.pad(solid.astype(np.int8), ((0, 0), (1, 1))), axis=1)
     row, first = np.nonzero(edge > 0)
@@ -234,19 +293,19 @@ def _boxes(blocked: Blocked) -> FloatArray:
     return boxes
 
 
-def _furthest(blocked: Blocked, path: Path) -> Errand:
-    """From one end of the map's largest open part to the other, by two sweeps of a wave."""
+def _furthest(blocked: Blocked, path: Path) -> MapTask:
+    """The task between two far ends of the map's largest open part, by two breadth-first waves."""
     parts, count = ndimage.label(~blocked)
     if count == 0:
-        raise InputError(f"{path}: no free cell in it")
+        raise InputError(f"{path}: contains no free cell")
     part = parts == 1 + int(np.argmax(np.bincount(parts.ravel())[1:]))
     begin = _last_reached(part, tuple(np.argwhere(part)[0]))
     end = _last_reached(part, begin)
-    return Errand((begin[1], begin[0]), (end[1], end[0]), 0.0)
+    return MapTask((begin[1], begin[0]), (end[1], end[0]), 0.0)
 
 
 def _last_reached(part: Blocked, cell: tuple[int, ...]) -> tuple[int, int]:
-    """Row and column of the cell to which a wave through four neighbours comes last."""
+    """Row and column of a cell that a wave over four neighbours reaches last."""
     wave = np.zeros_like(part)
     wave[cell] = True
     front = wave

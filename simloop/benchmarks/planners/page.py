@@ -1,4 +1,4 @@
-"""The report: one HTML page that needs nothing beside it."""
+"""The report of a comparison: one HTML page without external files."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from simloop.benchmarks.planners import paper_tables
-from simloop.benchmarks.planners.bench import LEAD, Result, rank
+from simloop.benchmarks.planners.bench import LEAD, Result
+from simloop.benchmarks.planners.bench_figures import rank
 from simloop.benchmarks.planners.paper_tables import PaperTable
 from simloop.benchmarks.planners.tasks import load_scene
 from simloop.benchmarks.planners.weights import PRINTED, study
@@ -20,7 +21,14 @@ _TEMPLATE = Path(__file__).with_name("page.html.j2")
 
 
 def check(directory: Path) -> None:
-    """InputError if the page cannot be written, or a library for it is missing."""
+    """Check that the report can be written.
+
+    Args:
+        directory: Where it is to be written.
+
+    Raises:
+        InputError: The directory cannot be used, or a library is not installed.
+    """
     check_directory(directory, "--report")
     for name in ("jinja2", "matplotlib", "sklearn"):
         try:
@@ -32,14 +40,30 @@ def check(directory: Path) -> None:
 
 
 def measure_tables(workers: int) -> list[PaperTable]:
-    """Our side of the papers' tables."""
+    """Measure the papers' tables in parallel processes.
+
+    Args:
+        workers: Number of processes.
+
+    Returns:
+        The tables, paper by paper.
+    """
     with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
         futures = [pool.submit(make) for make in paper_tables.TABLES]
         return [table for future in futures for table in future.result()]
 
 
 def write(directory: Path, result: Result, figures: dict[str, Any]) -> Path:
-    """Measure what only the report shows, draw, and write ``index.html``."""
+    """Measure what only the report shows (paper tables, weights) and write ``index.html``.
+
+    Args:
+        directory: Where to write; it is created.
+        result: What was measured.
+        figures: Figures of ``result``.
+
+    Returns:
+        The written file.
+    """
     tables = measure_tables(result.request.workers or 2)
     weights = study(load_scene("S1")[0].instance)
     text = render(result, figures, tables, weights)
@@ -50,7 +74,17 @@ def write(directory: Path, result: Result, figures: dict[str, Any]) -> Path:
 
 
 def render(result: Result, figures: dict[str, Any], tables: list[PaperTable], weights: Any) -> str:
-    """The page's text."""
+    """Fill the page's template.
+
+    Args:
+        result: What was measured.
+        figures: Figures of ``result``.
+        tables: The papers' tables.
+        weights: The weight study.
+
+    Returns:
+        HTML text.
+    """
     jinja2 = importlib.import_module("jinja2")
     charts = importlib.import_module("simloop.benchmarks.planners.charts")
     environment = jinja2.Environment(
@@ -83,7 +117,7 @@ def render(result: Result, figures: dict[str, Any], tables: list[PaperTable], we
 
 
 def _figure(value: Any, digits: int = 3) -> str:
-    """A cell of a table."""
+    """The text of a table's cell."""
     if value is None:
         return "-"
     if isinstance(value, float):

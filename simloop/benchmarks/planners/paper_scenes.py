@@ -1,7 +1,7 @@
-"""The papers' own scenes, rebuilt to the facts that are stated: no paper prints its obstacles.
+"""The papers' own scenes, rebuilt from the facts they state, because none prints its obstacles.
 
-One length unit of a paper is one metre here, but for Sabiha's centimetres. Where a paper prints the
-length of its best path, the obstacles are chosen so that the shortest path here is about as long.
+One length unit of a paper is one metre here, except for Sabiha's centimetres. Where a paper prints
+the length of its best path, the obstacles are chosen so that the shortest path is about as long.
 
 - sabiha4: Sabiha 2022, four obstacles, d_safe 30 cm: S1.
 - strip20x60: Mohamed 2012, third map: five obstacles, (0, 0) to (60, 0), shortest 61.64.
@@ -9,20 +9,19 @@ length of its best path, the obstacles are chosen so that the shortest path here
 - abed150: Mohamed 2012, second map: 150 obstacles, (10, 20) to (80, 80), shortest 93.367.
 - abed5: five large obstacles between the first map's ends (the strip is the paper's own five).
 - wu180: Wu 2016, circles and convex polygons, (20, 20) to (147, 147), best 186.988.
-- narrow, local_minimum, trap, maze: Abed 2022, maps 2-5: (0, 0) to (45, 45) or (30, 20).
+- narrow, local_minimum, trap, maze: Abed 2022, maps 2-5: (0, 0) to (45, 45), maze to (30, 20).
 - moving_obstacles (two), moving_goal: Abed 2022, Figures 11 and 12; for the online simulator.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
-from simloop.benchmarks.planners.scenes import Instance, disc_world, scene, true_clearance
+from simloop.benchmarks.planners.scenes import Instance, disc_world, scene
 from simloop.messages import FloatArray, WorldView
-from simloop.planners.reactive.online import Mover, OnlineWorld, Track
+from simloop.planners.reactive.online import Mover, MovingPoint, OnlineWorld
 
 PAPER_SCENES = (
     "sabiha4",
@@ -39,6 +38,7 @@ PAPER_SCENES = (
 ONLINE_SCENES = ("narrow", "local_minimum", "trap", "maze", "moving_obstacles", "moving_goal")
 
 _SAFE_M = 0.3
+# Discs x, y, radius, m.
 _STRIP = (
     (9.0, 1.0, 3.2),
     (20.5, -1.6, 3.5),
@@ -64,7 +64,7 @@ _WU_POLYGONS = (
 _WU_SAFE_M = 2.0
 _ABED_SAFE_M, _ABED_RADIUS_M = 0.6, 0.5
 _ABED_BOUNDS = (-2.0, -2.0, 47.0, 47.0)
-# Boxes x0, y0, x1, y1.
+# Boxes x_min, y_min, x_max, y_max, m.
 _NARROW = (
     (8.0, -3.0, 10.0, 19.0),
     (8.0, 21.5, 10.0, 48.0),
@@ -105,8 +105,19 @@ _MOHAMED = {
 
 
 def paper_scene(name: str, seed: int = 0) -> Instance:
-    """A fixed scene of `PAPER_SCENES`. seed: of the maps of fifty and 150 obstacles, which are
-    drawn. Raises ValueError for an unknown name."""
+    """Build a fixed scene.
+
+    Args:
+        name: One of `PAPER_SCENES`.
+        seed: Seed of the maps with 50 and 150 obstacles, which are drawn; 0 gives the scene on
+            which the papers' tables are measured.
+
+    Returns:
+        The task.
+
+    Raises:
+        ValueError: The name is unknown.
+    """
     if name == "sabiha4":
         one = scene("S1")[0]
         return Instance(name, one.world, one.start, one.goal, one.safe_m, one.boxes_m)
@@ -130,45 +141,33 @@ def paper_scene(name: str, seed: int = 0) -> Instance:
 
 
 def online_scene(name: str) -> OnlineWorld:
-    """A scene of `ONLINE_SCENES` for `simloop.planners.reactive.online.simulate`."""
+    """Build a scene for the online simulator.
+
+    Args:
+        name: One of `ONLINE_SCENES`.
+
+    Returns:
+        A world for `simloop.planners.reactive.online.simulate`.
+
+    Raises:
+        ValueError: The name is unknown.
+    """
     if name == "moving_obstacles":
         fixed = disc_world(np.array([[12.0, 8.0, 2.0], [30.0, 34.0, 2.5]]), _ABED_BOUNDS)
         one = _instance(name, fixed, (0.0, 0.0), (45.0, 45.0), _ABED_SAFE_M)
         movers = (
-            Mover(Track(np.array([[10.0, 24.0], [28.0, 12.0]]), 0.3), 1.5),
-            Mover(Track(np.array([[38.0, 26.0], [24.0, 40.0]]), 0.5), 1.5),
+            Mover(MovingPoint(np.array([[10.0, 24.0], [28.0, 12.0]]), 0.3), 1.5),
+            Mover(MovingPoint(np.array([[38.0, 26.0], [24.0, 40.0]]), 0.5), 1.5),
         )
-        return _online(one, Track(one.goal), movers)
+        return _online(one, MovingPoint(one.goal), movers)
     if name == "moving_goal":
         fixed = disc_world(np.array([[15.0, 15.0, 3.0], [30.0, 22.0, 3.0]]), _ABED_BOUNDS)
         one = _instance(name, fixed, (0.0, 0.0), (40.0, 20.0), _ABED_SAFE_M)
-        return _online(one, Track(np.array([[40.0, 20.0], [40.0, 44.0], [20.0, 44.0]]), 0.25))
+        return _online(one, MovingPoint(np.array([[40.0, 20.0], [40.0, 44.0], [20.0, 44.0]]), 0.25))
     if name in ONLINE_SCENES:
         one = paper_scene(name)
-        return _online(one, Track(one.goal))
+        return _online(one, MovingPoint(one.goal))
     raise ValueError(f"unknown scene {name!r}; choose from {', '.join(ONLINE_SCENES)}")
-
-
-def scene_clearance(instance: Instance, waypoints: FloatArray, step_m: float) -> float:
-    """`true_clearance`, polygons included, by samples ``step_m`` apart; 0 inside a polygon."""
-    worst = true_clearance(instance, waypoints, step_m)
-    for a, b in pairwise(waypoints):
-        count = 2 + int(np.hypot(*(b - a)) / step_m)
-        points = a + np.linspace(0.0, 1.0, count)[:, None] * (b - a)
-        for polygon in instance.world.polygons_m:
-            worst = min(worst, float(_polygon_distance(np.asarray(polygon), points).min()))
-    return worst
-
-
-def _polygon_distance(polygon: FloatArray, points: FloatArray) -> FloatArray:
-    """Distance of points (N, 2) from a convex polygon (C, 2), counter-clockwise; 0 inside."""
-    least, inside = np.full(len(points), np.inf), np.ones(len(points), dtype=bool)
-    for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
-        edge, off = b - a, points - a
-        inside &= edge[0] * off[:, 1] - edge[1] * off[:, 0] >= 0.0
-        t = np.clip(off @ edge / (edge @ edge), 0.0, 1.0)
-        least = np.minimum(least, np.hypot(*(off - t[:, None] * edge).T))
-    return np.where(inside, 0.0, least)
 
 
 def _instance(
@@ -179,12 +178,13 @@ def _instance(
     safe_m: float,
     boxes: FloatArray | None = None,
 ) -> Instance:
+    """A task from positions (x, y); the start's yaw is 0."""
     known = np.zeros((0, 4)) if boxes is None else boxes
     return Instance(name, world, np.array([*start, 0.0]), np.array(goal), safe_m, known)
 
 
 def _mohamed(name: str, seed: int) -> Instance:
-    """Discs drawn uniformly; one that crowds an end is drawn again."""
+    """A task among uniformly drawn discs that keep twice the safe distance from both ends."""
     count, side, radii, start, goal, first = _MOHAMED[name]
     rng = np.random.default_rng(first + seed)
     discs: list[tuple[float, float, float]] = []
@@ -202,6 +202,7 @@ def _polygon_world(
     discs: tuple[tuple[float, float, float], ...],
     bounds: tuple[float, float, float, float],
 ) -> WorldView:
+    """A view of convex polygons, corners counter-clockwise, and discs."""
     corners = tuple(np.array(polygon, dtype=np.float64) for polygon in polygons)
     return replace(disc_world(np.array(discs), bounds), polygons_m=corners)
 
@@ -212,12 +213,14 @@ def _walls(
     bounds: tuple[float, float, float, float],
     goal: tuple[float, float],
 ) -> Instance:
+    """A task among boxes, from the origin to a goal."""
     corners = tuple(((a, b), (c, b), (c, d), (a, d)) for a, b, c, d in boxes)
     world = _polygon_world(corners, (), bounds)
     return _instance(name, world, (0.0, 0.0), goal, _ABED_SAFE_M, np.array(boxes))
 
 
-def _online(one: Instance, goal: Track, movers: tuple[Mover, ...] = ()) -> OnlineWorld:
+def _online(one: Instance, goal: MovingPoint, movers: tuple[Mover, ...] = ()) -> OnlineWorld:
+    """The world of a task for the online simulator."""
     return OnlineWorld(
         name=one.name,
         fixed=one.world,

@@ -1,8 +1,8 @@
-"""The fixed planning scenes S1-S4 on which planners are compared, and an independent checker.
+"""The fixed planning scenes S1 to S4 on which planners are compared, and a clearance check.
 
-S1 is the four-obstacle scene of the TLBO papers (same ends, same safe distance); S2 and S3 are
-rooms of twelve and fifty discs; S4 is a U-shaped trap on a distance field. In all of them the
-robot is a point that keeps ``safe_m``.
+S1 is the four-obstacle scene of the TLBO papers (same start, goal and safe distance). S2 and S3 are
+rooms with twelve and fifty discs. S4 is a U-shaped trap in a distance field. In all of them the
+robot is a point that keeps the distance ``safe_m``.
 """
 
 from __future__ import annotations
@@ -28,9 +28,17 @@ SCENE_NAMES = ("S1", "S2", "S3", "S4a", "S4b")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Instance:
-    """One planning task. boxes_m: (B, 4) x0, y0, x1, y1, the truth behind a distance field.
+    """One planning task.
 
-    best_cost: J* where it is known beforehand; on discs `exact.exact_path` finds it.
+    Attributes:
+        name: Name of the task.
+        world: What the planner gets.
+        start: (3,) x, y, yaw, m and rad, map frame.
+        goal: (2,) x, y, m, map frame.
+        safe_m: Distance that the path keeps from everything, m.
+        boxes_m: (B, 4) x_min, y_min, x_max, y_max of the true obstacles behind a distance field,
+            m, map frame; (0, 4) if the view is exact.
+        best_cost: J* if it is on record; among discs `exact.exact_path` finds it.
     """
 
     name: str
@@ -43,7 +51,15 @@ class Instance:
 
 
 def disc_world(discs: FloatArray, bounds: tuple[float, float, float, float]) -> WorldView:
-    """A view that holds discs (K, 3) alone."""
+    """Make a view that holds discs only.
+
+    Args:
+        discs: (K, 3) x, y, radius, m, map frame.
+        bounds: x_min, y_min, x_max, y_max, m, map frame.
+
+    Returns:
+        The view.
+    """
     return WorldView(
         t_ns=0,
         origin_m=np.array(bounds[:2]),
@@ -55,7 +71,15 @@ def disc_world(discs: FloatArray, bounds: tuple[float, float, float, float]) -> 
 
 
 def box_distance(boxes: FloatArray, points: FloatArray) -> FloatArray:
-    """Distance of points (N, 2) to the nearest of boxes (B, 4); 0 inside one. (N,), m."""
+    """Distance from points to the nearest of several boxes.
+
+    Args:
+        boxes: (B, 4) x_min, y_min, x_max, y_max, m.
+        points: (N, 2) points, m.
+
+    Returns:
+        (N,) distances, m; 0 inside a box.
+    """
     low = boxes[None, :, :2] - points[:, None]
     high = points[:, None] - boxes[None, :, 2:]
     outside = np.maximum(np.maximum(low, high), 0.0)
@@ -63,7 +87,16 @@ def box_distance(boxes: FloatArray, points: FloatArray) -> FloatArray:
 
 
 def box_world(boxes: FloatArray, size_m: float, resolution_m: float) -> WorldView:
-    """A square distance field, exact at the cells' centres, of axis-parallel boxes (B, 4)."""
+    """Make a view that holds a square distance field of boxes, exact at the cells' centres.
+
+    Args:
+        boxes: (B, 4) x_min, y_min, x_max, y_max, m, map frame.
+        size_m: Side of the square, whose lower left corner is the origin, m.
+        resolution_m: Side of a cell, m.
+
+    Returns:
+        The view.
+    """
     cells = round(size_m / resolution_m)
     centres = (np.arange(cells) + 0.5) * resolution_m
     x, y = np.meshgrid(centres, centres)
@@ -81,7 +114,7 @@ def box_world(boxes: FloatArray, size_m: float, resolution_m: float) -> WorldVie
 def _random_discs(
     seed: int, count: int, size: float, radii: tuple[float, float], ends: FloatArray
 ) -> FloatArray:
-    """Draw discs until ``count`` keep r + 0.31 m from both ends; the rest are dropped."""
+    """Draw discs until ``count`` keep 0.31 m from both ends; the others are dropped."""
     rng = np.random.default_rng(seed)
     discs: list[tuple[float, float, float]] = []
     while len(discs) < count:
@@ -95,6 +128,7 @@ def _random_discs(
 def _scattered(
     name: str, seed: int, count: int, size: float, radii: tuple[float, float], ends: FloatArray
 ) -> Instance:
+    """A square room with random discs between two ends (2, 2)."""
     discs = _random_discs(seed, count, size, radii, ends)
     world = disc_world(discs, (0.0, 0.0, size, size))
     start = np.array([*ends[0], 0.0])
@@ -102,7 +136,17 @@ def _scattered(
 
 
 def scene(name: str) -> list[Instance]:
-    """The instances of a scene; raises ValueError for an unknown name."""
+    """The instances of a scene.
+
+    Args:
+        name: One of `SCENE_NAMES`.
+
+    Returns:
+        One instance for S1, S4a and S4b, twenty for S2, ten for S3.
+
+    Raises:
+        ValueError: The name is unknown.
+    """
     if name == "S1":
         world = disc_world(np.array(_S1_DISCS), (1.5, -1.5, 7.5, 4.5))
         start, goal = np.array([2.0, 0.0, 0.0]), np.array([7.0, 3.0])
@@ -124,9 +168,18 @@ def scene(name: str) -> list[Instance]:
 
 
 def true_clearance(instance: Instance, waypoints: FloatArray, step_m: float = 2e-4) -> float:
-    """Clearance of a polyline (M, 2) by dense sampling of the true obstacles, m.
+    """Clearance of a path by dense samples, from the true discs and boxes.
 
-    Independent of the planners' kernels on purpose. Exact to step_m^2 / (8 clearance).
+    The code shares nothing with the planners' kernels. Its error is at most
+    step_m^2 / (8 clearance).
+
+    Args:
+        instance: The task.
+        waypoints: (M, 2) waypoints, m, map frame.
+        step_m: Distance between the samples, m.
+
+    Returns:
+        Least distance from any obstacle, m; negative inside a disc, 0 inside a box.
     """
     worst = np.inf
     for a, b in pairwise(waypoints):

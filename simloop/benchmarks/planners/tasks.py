@@ -1,4 +1,4 @@
-"""Scenes by name or by file, each with the best J known for it."""
+"""Scenes by name or from a file, each with the best J that is known for it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,14 @@ from simloop.planners.reference.reference import kind_of
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Task:
-    """An instance of a scene. best: J* or the best J known; exact: whether it is the optimum."""
+    """An instance of a scene.
+
+    Attributes:
+        scene: Name of the scene, or of the file.
+        instance: The planning task.
+        best: J* or the best known J; None if nothing is known.
+        exact: Whether ``best`` is the optimum.
+    """
 
     scene: str
     instance: Instance
@@ -31,25 +38,50 @@ class Task:
 
 
 def scene_names() -> tuple[str, ...]:
-    """The names that `load_scene` knows; map files come on top."""
+    """The names of the built-in scenes.
+
+    Returns:
+        Names that `load_scene` takes, besides map files.
+    """
     return (*SCENE_NAMES, *paper_scene_names())
 
 
 def paper_scene_names() -> tuple[str, ...]:
-    """The papers' scenes."""
+    """The names of the papers' scenes.
+
+    Returns:
+        Fixed scenes first, then those that move.
+    """
     moving = [name for name in ONLINE_SCENES if name not in PAPER_SCENES]
     return (*PAPER_SCENES, *moving)
 
 
 def check_scene(name: str) -> None:
-    """Refuse what `load_scene` would not know: InputError with the choices."""
+    """Refuse a scene that `load_scene` does not know.
+
+    Args:
+        name: Name of a scene, or a map file.
+
+    Raises:
+        InputError: The name is unknown; the message lists the choices.
+    """
     if not is_map_file(name) and name not in scene_names():
         choices = did_you_mean(name, scene_names())
         raise InputError(f"--scenes {name}: unknown{choices}, or a .map, .scen or image file")
 
 
 def load_scene(name: str) -> list[Task]:
-    """The tasks of a scene or of a map file."""
+    """Load the tasks of a scene or of a map file.
+
+    Args:
+        name: Name of a scene, or a map file.
+
+    Returns:
+        The tasks, with J* where it can be computed.
+
+    Raises:
+        InputError: The name is unknown, or the file cannot be read.
+    """
     check_scene(name)
     if is_map_file(name):
         found = load_file(Path(name))
@@ -63,8 +95,11 @@ def load_scene(name: str) -> list[Task]:
 
 
 def _known(task: Task) -> Task:
-    """With its optimum: worked out among discs, bounded by a fine visibility graph among polygons
-    and discs; None in distance fields, unless it is on record."""
+    """The task with its best known J.
+
+    Among discs it is the exact optimum, among polygons the J of a fine visibility graph. In a
+    distance field it is known only if it is on record.
+    """
     one = task.instance
     if one.best_cost is not None:
         return replace(task, best=one.best_cost, exact=True)
@@ -83,7 +118,15 @@ def _known(task: Task) -> Task:
 
 
 def with_best_known(tasks: list[Task], trials: list[Trial]) -> list[Task]:
-    """Where no optimum is known, the best J of any safe plan takes its place."""
+    """Use the best safe plan of all trials where no optimum is known.
+
+    Args:
+        tasks: Tasks of a scene.
+        trials: Trials of all planners on them.
+
+    Returns:
+        The tasks, in the same order.
+    """
     found: dict[str, float] = {}
     for trial in trials:
         if trial.verdict.success:

@@ -1,4 +1,4 @@
-"""One planner on one task from one seed: planned, judged, and timed where time matters."""
+"""Trials: one planner on one task from one seed, judged, and timed where asked."""
 
 from __future__ import annotations
 
@@ -12,15 +12,12 @@ from simloop.benchmarks.planners.judge import Verdict, judge, path_cost
 from simloop.benchmarks.planners.scenes import Instance
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray, Plan
-from simloop.planners import registry
-from simloop.planners.protocol import Planner
+from simloop.planners.protocol import Planner, PlanningTask, kind_of
 from simloop.planners.reactive.online import OnlineWorld, simulate
-from simloop.planners.reference.reference import Reference, kind_of
-from simloop.planners.registry import make_planner
+from simloop.planners.registry import PlannerInfo, info, make_planner
 
 POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))
 PRECISE = "tlbo_precise"
-SLOW = ("avoa_online", "apso_online", "fuzzy_wdo", "ga_apf", "informed_rrt_star", "bit_star")
 LADDER = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2)
 """Shares of the budget at which a planner that keeps no history is run again for one."""
 _NEVER_IDLE = 10_000
@@ -29,7 +26,18 @@ _LEAST_TIMED, _ENOUGH_MS, _LONG_MS = 3, 50.0, 150.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trial:
-    """What came of one plan. history: (H, 2) evaluations and the best score so far."""
+    """The result of one plan.
+
+    Attributes:
+        planner: Name of the planner.
+        instance: Name of the task.
+        seed: Seed of the plan.
+        verdict: The judge's rating.
+        evaluations: Candidates that the planner evaluated.
+        generations: Generations that it ran; steps, if it moves step by step.
+        path_m: (M, 2) waypoints, m, map frame.
+        history: (H, 2) evaluations and the best score so far, ascending in evaluations.
+    """
 
     planner: str
     instance: str
@@ -43,13 +51,24 @@ class Trial:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MovingInstance(Instance):
-    """A world with movers or a goal that moves, which only the step-by-step planners can walk."""
+    """A world with movers or a moving goal, which only the step-by-step planners can cross.
+
+    Attributes:
+        online: The world for the simulator.
+    """
 
     online: OnlineWorld | None = None
 
 
 def moving_instance(online: OnlineWorld) -> MovingInstance:
-    """An instance of a world that moves; its goal is where the goal begins."""
+    """Make a task of a world that moves.
+
+    Args:
+        online: The world.
+
+    Returns:
+        A task whose goal is the first position of the moving goal.
+    """
     return MovingInstance(
         online.name,
         online.fixed,
@@ -61,34 +80,48 @@ def moving_instance(online: OnlineWorld) -> MovingInstance:
     )
 
 
-def is_rule(name: str) -> bool:
-    """Whether a planner is an update rule on the common engine."""
-    return name != PRECISE and hasattr(registry.load(name), "generation")
+def info_of(name: str) -> PlannerInfo:
+    """What the registry knows about a planner.
 
+    Args:
+        name: Name of the planner; `PRECISE` is the lead planner.
 
-def is_by_chance(name: str) -> bool:
-    """Whether another seed can give another plan."""
-    return name not in ("exact", "visibility", "astar", "theta_star", "potential_field")
-
-
-def is_slow(name: str) -> bool:
-    """Whether a plan may take seconds: those that walk step by step, or grow a tree."""
-    return name in SLOW
+    Returns:
+        Its entry.
+    """
+    return info("tlbo" if name == PRECISE else name)
 
 
 def handles(name: str, instance: Instance) -> bool:
-    """Whether a planner has an answer for this kind of world."""
-    made = registry.load("tlbo" if name == PRECISE else name)
+    """Whether a planner can plan in the world of a task.
+
+    Args:
+        name: Name of the planner.
+        instance: The task.
+
+    Returns:
+        Whether it can.
+    """
     if isinstance(instance, MovingInstance):
-        return hasattr(made, "steering")
-    if isinstance(made, type) and issubclass(made, Reference):
-        return kind_of(instance.world) in made.worlds
-    return True
+        return info_of(name).stepwise
+    return kind_of(instance.world) in info_of(name).worlds
 
 
 def settings(name: str, instance: Instance, budget: int, learners: int) -> PlannerConfig:
-    """Equal terms: the same budget, the same size and seeding of the first population. The rules go
-    on until the budget is spent; the lead planner ends when its class has learnt enough."""
+    """Settings on equal terms: the same budget, the same size and seeding of the population.
+
+    Update rules run until the budget is spent; the lead planner also stops when its class no
+    longer improves.
+
+    Args:
+        name: Name of the planner.
+        instance: The task.
+        budget: Most evaluations.
+        learners: Size of the population.
+
+    Returns:
+        The planner's settings.
+    """
     common = PlannerConfig(
         name="tlbo" if name == PRECISE else name,
         precise=name == PRECISE,
@@ -97,24 +130,53 @@ def settings(name: str, instance: Instance, budget: int, learners: int) -> Plann
         max_evaluations=budget,
         learners=learners,
     )
-    if not is_rule(name):
+    if not info_of(name).update_rule:
         return common
     return replace(common, idle_generations=_NEVER_IDLE, options={"seeding": "seeded"})
 
 
 def prepare(config: PlannerConfig) -> Planner:
-    """A planner for a point."""
+    """Make a planner for a point robot.
+
+    Args:
+        config: The planner's settings.
+
+    Returns:
+        The planner.
+
+    Raises:
+        InputError: A library that it needs is not installed.
+    """
     return make_planner(config, POINT)
 
 
 def plan_once(planner: Planner, instance: Instance, seed: int) -> Plan:
-    """A cold plan with a generator of its own."""
+    """Plan once, without a previous plan and with a new random generator.
+
+    Args:
+        planner: The planner.
+        instance: The task.
+        seed: Seed of the generator.
+
+    Returns:
+        The plan.
+    """
     rng = np.random.default_rng(seed)
-    return planner.plan(instance.world, instance.start, instance.goal, rng)
+    task = PlanningTask(instance.world, instance.start, instance.goal, instance.safe_m)
+    return planner.plan(task, rng)
 
 
 def plan_timed(planner: Planner, instance: Instance, seed: int) -> tuple[Plan, float]:
-    """`plan_once`, and the seconds that it took."""
+    """Plan once and measure the time.
+
+    Args:
+        planner: The planner.
+        instance: The task.
+        seed: Seed of the plan.
+
+    Returns:
+        The plan, and the seconds that it took.
+    """
     began = perf_counter()
     plan = plan_once(planner, instance, seed)
     return plan, perf_counter() - began
@@ -123,14 +185,25 @@ def plan_timed(planner: Planner, instance: Instance, seed: int) -> tuple[Plan, f
 def try_once(
     name: str, instance: Instance, seed: int, config: PlannerConfig, *, history: bool = False
 ) -> Trial:
-    """Plan and judge. history: where the planner keeps none, run it at lesser budgets too."""
+    """Plan once and judge the result.
+
+    Args:
+        name: Name of the planner.
+        instance: The task.
+        seed: Seed of the plan.
+        config: The planner's settings.
+        history: Whether a planner that keeps no history is run again with smaller budgets for one.
+
+    Returns:
+        The trial.
+    """
     if isinstance(instance, MovingInstance):
-        return _walk(name, instance, seed, config)
+        return _try_moving(name, instance, seed, config)
     plan = plan_once(prepare(config), instance, seed)
     verdict = judge(instance, plan.waypoints_m)
     rows = plan.history
     if history and not len(rows):
-        rows = _ladder(instance, seed, config)
+        rows = _history_by_budgets(instance, seed, config)
     last = np.array([[plan.evaluations, verdict.score]], dtype=np.float64)
     return Trial(
         planner=name,
@@ -140,24 +213,24 @@ def try_once(
         evaluations=plan.evaluations,
         generations=plan.generations,
         path_m=plan.waypoints_m,
-        history=_trusted(np.vstack([rows.reshape(-1, 2), last]), verdict),
+        history=_checked_history(np.vstack([rows.reshape(-1, 2), last]), verdict),
     )
 
 
-def _walk(name: str, instance: MovingInstance, seed: int, config: PlannerConfig) -> Trial:
-    """Walk a world that moves; the judge is the simulator's own account of collisions."""
+def _try_moving(name: str, instance: MovingInstance, seed: int, config: PlannerConfig) -> Trial:
+    """Simulate a world that moves; here the simulator counts the collisions, not the judge."""
     assert instance.online is not None
     steering = prepare(config).steering()  # type: ignore[attr-defined]
     done = simulate(instance.online, steering, np.random.default_rng(seed))
     cost = path_cost(done.points_m)
-    lost = 0.0 if done.success else PlannerConfig().penalty
+    penalty = 0.0 if done.success else PlannerConfig().penalty
     return Trial(
         planner=name,
         instance=instance.name,
         seed=seed,
         verdict=Verdict(
             cost=cost,
-            score=cost + lost,
+            score=cost + penalty,
             length_m=done.length_m,
             turning_rad=(cost - PlannerConfig().length_weight * done.length_m)
             / PlannerConfig().turning_weight,
@@ -167,12 +240,12 @@ def _walk(name: str, instance: MovingInstance, seed: int, config: PlannerConfig)
         evaluations=done.evaluations,
         generations=done.steps,
         path_m=done.points_m,
-        history=np.array([[done.evaluations, cost + lost]], dtype=np.float64),
+        history=np.array([[done.evaluations, cost + penalty]], dtype=np.float64),
     )
 
 
-def _ladder(instance: Instance, seed: int, config: PlannerConfig) -> FloatArray:
-    """(H, 2) evaluations and score of runs with lesser budgets."""
+def _history_by_budgets(instance: Instance, seed: int, config: PlannerConfig) -> FloatArray:
+    """Evaluations and score (H, 2) of runs with smaller budgets."""
     rows = []
     for share in LADDER:
         less = max(100, round(share * config.max_evaluations))
@@ -181,9 +254,12 @@ def _ladder(instance: Instance, seed: int, config: PlannerConfig) -> FloatArray:
     return np.array(rows, dtype=np.float64)
 
 
-def _trusted(history: FloatArray, verdict: Verdict) -> FloatArray:
-    """The history, best so far, in order; where the path is not safe by the judge, the planner's
-    own account is worth nothing and only the last row stays."""
+def _checked_history(history: FloatArray, verdict: Verdict) -> FloatArray:
+    """The history in order, as the best score so far.
+
+    If the judge finds the path unsafe, the planner's own account cannot be trusted, and only the
+    last row, which is the judge's, stays.
+    """
     if not verdict.success:
         return history[-1:]
     history = history[np.argsort(history[:, 0], kind="mergesort")]
@@ -192,17 +268,25 @@ def _trusted(history: FloatArray, verdict: Verdict) -> FloatArray:
 
 
 def time_plans(name: str, instance: Instance, config: PlannerConfig) -> list[float]:
-    """Milliseconds of some plans in this process: more the quicker they are, one where it takes
-    long."""
+    """Time some plans in this process, the more the quicker they are.
+
+    Args:
+        name: Name of the planner.
+        instance: The task.
+        config: The planner's settings.
+
+    Returns:
+        Planning times, ms; at least one.
+    """
     planner = prepare(config)
 
     def once(seed: int) -> None:
         if isinstance(instance, MovingInstance):
-            _walk(name, instance, seed, config)
+            _try_moving(name, instance, seed, config)
         else:
             plan_once(planner, instance, seed)
 
-    once(0)  # warms kernels and caches up
+    once(0)  # compiles the kernels and fills the caches
     gc.collect()
     took: list[float] = []
     while sum(took) < _ENOUGH_MS or (len(took) < _LEAST_TIMED and sum(took) < _LONG_MS):

@@ -1,9 +1,11 @@
-"""The lead paper's study of the weights: what w1 and w2 do to length, turning and J.
+"""The lead paper's study of the weights: the effect of w1 and w2 on length, turning and J.
 
-Source: Sabiha 2022 (online TLBO), Section 5.4: 38 plans, each with weights of its own; the Pareto
-front of length against turning; partial least squares (PLS) of two components on w1, w2, J1, J2,
-which is judged by its fit (R2) and, by cross-validation, by its forecast (Q2). Filled in: w2 is 1 -
-w1, w1 goes evenly from .025 to .975, columns are scaled to unit variance, seven folds.
+Source: Sabiha 2022 (online TLBO), Section 5.4: 38 plans, each with its own weights; the Pareto
+front of length and turning; a partial least squares (PLS) model of two components on w1, w2, J1 and
+J2, rated by its goodness of fit (R2) and, by cross-validation, of prediction (Q2).
+
+Chosen here: w2 = 1 - w1, w1 evenly spaced from 0.025 to 0.975, columns scaled to unit variance,
+seven folds.
 """
 
 from __future__ import annotations
@@ -31,8 +33,17 @@ _LEAST, _MOST = 0.025, 0.975
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pls:
-    """r2_x, r2_y: share of the variance of x and y that the components explain; q2: of y's, in
-    plans left out. scores: (n, c). x_loadings: (p, c); y_loadings: (c,). vip: (p,)."""
+    """A partial least squares model of n plans with p variables and c components.
+
+    Attributes:
+        r2_x: Share of the variance of x that the components explain.
+        r2_y: Share of the variance of y.
+        q2: Share of the variance of y in plans that were left out of the fit.
+        scores: (n, c) scores of the plans.
+        x_loadings: (p, c) loadings of the variables.
+        y_loadings: (c,) loadings of y.
+        vip: (p,) variable importance in projection.
+    """
 
     r2_x: float
     r2_y: float
@@ -45,8 +56,19 @@ class Pls:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Study:
-    """w1: (n,). length_m, turning_rad, cost, safe: (n,), of the best of each weight's plans.
-    front: (n,) whether a plan is on the Pareto front of all safe ones."""
+    """Plans with n pairs of weights, and their analysis.
+
+    Attributes:
+        scene: Name of the task.
+        planner: Name of the planner.
+        w1: (n,) weight of the length; w2 is 1 - w1.
+        length_m: (n,) length of each plan, m.
+        turning_rad: (n,) turning of each plan, rad.
+        cost: (n,) J of each plan with its own weights.
+        safe: (n,) which plans are safe and reach the goal.
+        front: (n,) which plans are on the Pareto front of the safe ones.
+        pls: The model of ``cost``.
+    """
 
     scene: str
     planner: str
@@ -60,7 +82,20 @@ class Study:
 
 
 def study(instance: Instance, planner: str = "tlbo", count: int = COUNT, seed: int = 0) -> Study:
-    """Plan once with each pair of weights, from seeds of their own, and analyse."""
+    """Plan once with each pair of weights and analyse the plans.
+
+    Args:
+        instance: The task.
+        planner: Name of the planner.
+        count: Number of pairs.
+        seed: Seed of the first plan; the others follow on.
+
+    Returns:
+        The plans and their analysis.
+
+    Raises:
+        InputError: scikit-learn is not installed.
+    """
     base = PlannerConfig(name=planner, safe_distance_m=instance.safe_m, start_turn_weight=0.0)
     w1 = np.linspace(_LEAST, _MOST, count)
     rows = []
@@ -87,7 +122,15 @@ def study(instance: Instance, planner: str = "tlbo", count: int = COUNT, seed: i
 
 
 def pareto(points: FloatArray, allowed: np.ndarray) -> np.ndarray:
-    """(n,) whether nothing allowed is as small as a point (n, k) in all and smaller in one."""
+    """Find the Pareto front, where every criterion is minimised.
+
+    Args:
+        points: (n, k) criteria of each point.
+        allowed: (n,) which points take part.
+
+    Returns:
+        (n,) which points no other one dominates.
+    """
     out = np.array(allowed, dtype=bool)
     for k, point in enumerate(points):
         others = points[allowed]
@@ -97,16 +140,31 @@ def pareto(points: FloatArray, allowed: np.ndarray) -> np.ndarray:
 
 
 def fit(x: FloatArray, y: FloatArray, components: int = COMPONENTS, folds: int = FOLDS) -> Pls:
-    """PLS of y (n,) on x (n, p), columns scaled to unit variance. Folds take every ``folds``-th
-    plan. A column that does not vary stays, and counts for nothing."""
+    """Fit a partial least squares model with columns scaled to unit variance.
+
+    Args:
+        x: (n, p) variables; a constant column is allowed and has no influence.
+        y: (n,) what the variables explain.
+        components: Number of components.
+        folds: Parts of the cross-validation; each takes every ``folds``-th row.
+
+    Returns:
+        The model.
+
+    Raises:
+        InputError: scikit-learn is not installed.
+    """
     model = _model(x, y, components)
+    # R2 of x: how well scores and loadings restore the scaled variables.
     scores, loadings = model.x_scores_, model.x_loadings_
     back = scores @ loadings.T
     scaled = _scaled(x, x)
+    # VIP: mean of the squared weights, each component by its share of the explained variance of y.
     explained = (scores**2).sum(axis=0) * model.y_loadings_[0] ** 2
     squares = model.x_weights_**2
     weights = squares / np.maximum(squares.sum(axis=0), 1e-300)
     total = max(float(explained.sum()), 1e-300)
+    # Q2: each row is predicted by a model that has not seen it.
     predicted = np.empty(len(y))
     for fold in range(folds):
         out = np.arange(len(y)) % folds == fold
@@ -123,6 +181,7 @@ def fit(x: FloatArray, y: FloatArray, components: int = COMPONENTS, folds: int =
 
 
 def _model(x: FloatArray, y: FloatArray, components: int) -> Any:
+    """scikit-learn's fitted PLS regression."""
     try:
         library = importlib.import_module("sklearn.cross_decomposition")
     except ImportError:
@@ -130,24 +189,32 @@ def _model(x: FloatArray, y: FloatArray, components: int) -> Any:
             "the weight study needs the library scikit-learn: pip install 'simloop[report]'"
         ) from None
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # a component left with nothing to explain is zero
+        warnings.simplefilter("ignore")  # a component with nothing left to explain is zero
         return library.PLSRegression(n_components=components, scale=True).fit(x, y)
 
 
 def _scaled(x: FloatArray, like: FloatArray) -> FloatArray:
+    """x (n, p) with the columns centred and scaled as those of ``like`` would be."""
     spread = like.std(axis=0, ddof=1)
     out: FloatArray = (x - like.mean(axis=0)) / np.where(spread > 0.0, spread, 1.0)
     return out
 
 
 def _explained(truth: FloatArray, found: FloatArray) -> float:
-    """1 - residual / total sum of squares about the mean."""
+    """1 - residual sum of squares / total sum of squares about the mean."""
     total = max(float(((truth - truth.mean(axis=0)) ** 2).sum()), 1e-300)
     return 1.0 - float(((truth - found) ** 2).sum()) / total
 
 
 def figures(done: Study) -> dict[str, Any]:
-    """The study as JSON."""
+    """The study in plain types.
+
+    Args:
+        done: The study.
+
+    Returns:
+        What ``simloop bench weights --json`` writes.
+    """
     plain: dict[str, Any] = {
         key: value.tolist() if isinstance(value, np.ndarray) else value
         for key, value in asdict(done).items()
@@ -161,10 +228,17 @@ def figures(done: Study) -> dict[str, Any]:
 
 
 def rows(done: Study) -> Sequence[Sequence[str]]:
-    """What the terminal shows: the model, then each variable."""
+    """The study as rows of a table for the terminal.
+
+    Args:
+        done: The study.
+
+    Returns:
+        Name, measured value and remark: first the model, then each variable.
+    """
     model = done.pls
-    out = [["R2 of x", f"{model.r2_x:.3f}", ""], ["R2 of J", f"{model.r2_y:.3f}", ".97 printed"]]
-    out.append(["Q2 of J", f"{model.q2:.3f}", ".93 printed"])
+    out = [["R2 of x", f"{model.r2_x:.3f}", ""], ["R2 of J", f"{model.r2_y:.3f}", "0.97 printed"]]
+    out.append(["Q2 of J", f"{model.q2:.3f}", "0.93 printed"])
     out += [[f"VIP {name}", f"{vip:.3f}", ""] for name, vip in zip(NAMES, model.vip, strict=True)]
     out.append(["plans on the Pareto front", str(int(done.front.sum())), f"of {len(done.w1)}"])
     return out

@@ -1,7 +1,7 @@
-"""How a vector becomes a path, and a path a vector; the paths' objective over such vectors.
+"""Codings: how a vector becomes a path and a path a vector, and the objective over such vectors.
 
-box: x, y of each inner waypoint within the bounds (Sabiha 2022). crosslines: the start-goal line
-cut by equidistant lines across it, one coordinate a line (Wu 2016, Eq. 8): x' to the right.
+box: x, y of each inner waypoint within the bounds (Sabiha 2022). crosslines: equidistant lines
+across the start-goal line, one coordinate a line (Wu 2016, Eq. 8), positive to the right.
 """
 
 from __future__ import annotations
@@ -23,9 +23,16 @@ _NEAREST_M = 1e-3
 
 
 class Coding(NamedTuple):
-    """kind: index in `CODINGS`; points: inner waypoints; low, high: (d,) the vectors' box.
+    """A coding of paths between the start and the goal of a problem.
 
-    along_x, along_y: unit vector from start to goal; reach: their distance, m.
+    Attributes:
+        kind: Index in `CODINGS`.
+        points: How many inner waypoints a path has.
+        low: (d,) least value of each coordinate.
+        high: (d,) greatest value of each coordinate.
+        along_x: x of the unit vector from start to goal.
+        along_y: y of that vector.
+        reach: Distance from start to goal, m.
     """
 
     kind: int
@@ -38,7 +45,16 @@ class Coding(NamedTuple):
 
 
 def make_coding(p: Problem, name: str, points: int) -> Coding:
-    """The coding of paths with ``points`` inner waypoints for a problem."""
+    """Make the coding of a problem's paths.
+
+    Args:
+        p: The problem.
+        name: One of `CODINGS`.
+        points: How many inner waypoints a path has.
+
+    Returns:
+        The coding.
+    """
     dx, dy = p.goal_x - p.start_x, p.goal_y - p.start_y
     reach = math.hypot(dx, dy)
     ux, uy = (dx / reach, dy / reach) if reach > 0.0 else (1.0, 0.0)
@@ -56,8 +72,10 @@ def make_coding(p: Problem, name: str, points: int) -> Coding:
 def _across(
     p: Problem, x: float, y: float, nx: float, ny: float, reach: float
 ) -> tuple[float, float]:
-    """Between which s the line (x, y) + s n stays in the bounds, no further than the path's reach
-    (a robot's own bounds may be far away)."""
+    """Between which s the line (x, y) + s n stays in the bounds.
+
+    It goes no further than the distance of the ends, because a robot's own bounds may be far away.
+    """
     low, high = -_MOST_ACROSS * reach, _MOST_ACROSS * reach
     for at, n, first, last in ((x, nx, p.low_x, p.high_x), (y, ny, p.low_y, p.high_y)):
         if abs(n) > 1e-12:
@@ -68,7 +86,17 @@ def _across(
 
 @njit(cache=True)
 def decode(p: Problem, coding: Coding, x: FloatArray, path: FloatArray) -> int:
-    """Write the waypoints of a vector (d,) into path; their count, both ends included."""
+    """Write the waypoints that a vector stands for.
+
+    Args:
+        p: The problem.
+        coding: The coding.
+        x: (d,) the vector.
+        path: (points + 2, 2) takes the waypoints, m.
+
+    Returns:
+        How many waypoints there are, both ends included.
+    """
     m = coding.points + 2
     path[0, 0], path[0, 1] = p.start_x, p.start_y
     path[m - 1, 0], path[m - 1, 1] = p.goal_x, p.goal_y
@@ -83,8 +111,17 @@ def decode(p: Problem, coding: Coding, x: FloatArray, path: FloatArray) -> int:
 
 
 def encode(p: Problem, coding: Coding, path: FloatArray) -> FloatArray:
-    """The vector of a path (m, 2) of any number of waypoints; with cross lines, where it first
-    crosses each of them."""
+    """Return the vector of a path.
+
+    Args:
+        p: The problem.
+        coding: The coding.
+        path: (m, 2) waypoints, any number of them, m.
+
+    Returns:
+        (d,) the vector, within the box. With cross lines it holds where the path first crosses
+        each.
+    """
     if coding.kind == 0:
         return np.clip(_with_points(path, coding.points).ravel(), coding.low, coding.high)
     along = (path[:, 0] - p.start_x) * coding.along_x + (path[:, 1] - p.start_y) * coding.along_y
@@ -100,8 +137,10 @@ def encode(p: Problem, coding: Coding, path: FloatArray) -> FloatArray:
 
 
 def _with_points(path: FloatArray, count: int) -> FloatArray:
-    """The inner waypoints (count, 2) of a path made to have so many: the longest legs are halved,
-    or the points of least detour dropped."""
+    """The inner waypoints (count, 2) of a path that is made to have so many.
+
+    The longest legs are halved, or the points of least detour are dropped.
+    """
     points = [np.asarray(point, dtype=np.float64) for point in path]
     while len(points) - 2 < count:
         legs = [math.dist(a, b) for a, b in itertools.pairwise(points)]
@@ -128,6 +167,7 @@ def _whole_curve_costs(
     path: FloatArray,
     stack: FloatArray,
 ) -> None:
+    """J of each row of x, the clearance judged along the whole path."""
     for k in range(x.shape[0]):
         m = decode(p, coding, x[k], path)
         out[k] = evaluate(p, path, m, bounds[k], stack)
@@ -135,9 +175,22 @@ def _whole_curve_costs(
 
 @njit(cache=True)
 def examined_penalty(p: Problem, path: FloatArray, m: int, examined: int) -> float:
-    """Sum of R, Eq. 17, one a obstacle as Eq. 16 has it: 1/d - 1/delta, d to the nearest of the
-    inner waypoints and of ``examined`` points within each segment. A distance field has no centres:
-    there d is the least clearance and delta the safe distance."""
+    """Return the sum of R as the papers print it, Eqs. 16 and 17: one term an obstacle.
+
+    R = 1/d - 1/delta where d < delta. d is the distance to the nearest of the inner waypoints and
+    of
+    some points within each segment. A distance field has no centres: there d is the least clearance
+    and delta the safe distance.
+
+    Args:
+        p: The problem.
+        path: (>= m, 2) waypoints, m.
+        m: How many of them count.
+        examined: How many points within each segment are examined.
+
+    Returns:
+        The sum, 1/m.
+    """
     in_field = p.field.size > 0
     total = 0.0
     for k in range(1 if in_field else p.discs.shape[1]):
@@ -169,6 +222,7 @@ def _examined_costs(
     examined: int,
     path: FloatArray,
 ) -> None:
+    """J of each row of x as the papers print it: clearance at some points, no start turn."""
     for k in range(x.shape[0]):
         p.trials[0] += 1
         m = decode(p, coding, x[k], path)
@@ -179,8 +233,14 @@ def _examined_costs(
 
 
 class PathObjective:
-    """An `Objective` over coded paths. examined: where the clearance is not that of the whole
-    curve, at how many points within each segment it is looked at besides the waypoints."""
+    """An `Objective` over coded paths.
+
+    Attributes:
+        problem: The problem.
+        coding: How a vector becomes a path.
+        low: (d,) least value of each coordinate.
+        high: (d,) greatest value of each coordinate.
+    """
 
     def __init__(self, problem: Problem, coding: Coding, examined: int | None = None) -> None:
         self.problem, self.coding = problem, coding
@@ -189,7 +249,13 @@ class PathObjective:
         self._path, self._stack = np.zeros((coding.points + 2, 2)), make_stack()
 
     def costs(self, x: FloatArray, out: FloatArray, bounds: FloatArray) -> None:
-        """As `Objective.costs`."""
+        """Compute J of each vector; see `Objective.costs`.
+
+        Args:
+            x: (n, d) vectors.
+            out: (n,) takes J.
+            bounds: (n,) values of J above which the exact one does not matter.
+        """
         p, coding, path = self.problem, self.coding, self._path
         if self._examined is None:
             _whole_curve_costs(p, coding, x, out, bounds, path, self._stack)
@@ -197,7 +263,14 @@ class PathObjective:
             _examined_costs(p, coding, x, out, bounds, self._examined, path)
 
     def path(self, x: FloatArray) -> FloatArray:
-        """The waypoints (points + 2, 2) of a vector."""
+        """Return the waypoints of a vector.
+
+        Args:
+            x: (d,) the vector.
+
+        Returns:
+            (points + 2, 2) waypoints, m.
+        """
         out = np.zeros((self.coding.points + 2, 2))
         decode(self.problem, self.coding, x, out)
         return out

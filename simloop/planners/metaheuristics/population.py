@@ -2,16 +2,16 @@
 
 How a rule plugs in
 -------------------
-Subclass `Rule`; give it a ``name``, ``Options`` (a frozen dataclass of its parameters with their
+Subclass `Rule`. Give it a ``name``, ``Options`` (a frozen dataclass of its parameters with their
 usual values) and ``generation(population)``. That method calls one compiled kernel of the rule's
 own, which reads ``population.x`` (n, d) and ``population.cost`` (n,) and writes
-``population.candidate`` (n, d); then it calls ``population.offer()`` (greedy: each candidate
-replaces its own parent if better) or ``population.replace()`` (generational). All else is done
-here and by `population_planner`: drawing, bounds, evaluating, budget, history.
-Add the rule's name and a line about it to ``simloop/planners/__init__.py``.
+``population.candidate`` (n, d). Then it calls ``population.offer()`` (greedy: each candidate
+replaces its own parent if it is better) or ``population.replace()`` (generational). Drawing,
+bounds, evaluation, budget and history are done here and by `population_planner`.
+Add an entry for the rule to ``simloop/planners/registry.py``.
 
-The budget counts evaluations of a whole candidate and is never exceeded; what it no longer covers
-costs infinity. All chance comes from ``population.state`` (`simloop.planners.splitmix`).
+The budget counts evaluations of whole candidates and is never exceeded. What it no longer covers
+costs infinity. All randomness comes from ``population.state`` (`simloop.planners.splitmix`).
 """
 
 from __future__ import annotations
@@ -27,19 +27,38 @@ from simloop.planners.splitmix import State, below, uniform
 
 
 class Objective(Protocol):
-    """What is minimised over a box: low, high (d,)."""
+    """What is minimised over a box.
+
+    Attributes:
+        low: (d,) least value of each coordinate.
+        high: (d,) greatest value of each coordinate.
+    """
 
     low: FloatArray
     high: FloatArray
 
     def costs(self, x: FloatArray, out: FloatArray, bounds: FloatArray) -> None:
-        """out[k] = cost of x[k]; some value above bounds[k] will do where the cost is above it."""
+        """Compute the cost of each vector.
+
+        Args:
+            x: (n, d) vectors within the box.
+            out: (n,) takes the costs.
+            bounds: (n,) costs above which the exact one does not matter; any value above the bound
+                will do there.
+        """
         ...
 
 
 @njit(cache=True)
 def draw_uniform(x: FloatArray, low: FloatArray, high: FloatArray, state: State) -> None:
-    """Fill x (n, d) uniformly in the box."""
+    """Fill an array with vectors drawn uniformly from a box.
+
+    Args:
+        x: (n, d) takes the vectors.
+        low: (d,) least value of each coordinate.
+        high: (d,) greatest value of each coordinate.
+        state: (1,) of the random generator.
+    """
     for k in range(x.shape[0]):
         for j in range(x.shape[1]):
             x[k, j] = low[j] + uniform(state) * (high[j] - low[j])
@@ -99,10 +118,25 @@ def _move_duplicates(
 
 
 class Population:
-    """x: (n, d), cost: (n,); best_x, best_cost: the best ever seen. history: (evaluations, best J).
+    """A population over a box, its budget, and the best that it has ever seen.
 
-    budget, spent: evaluations. ``generations`` is the horizon of the rules that follow a
-    schedule: how many generations the budget has room for; ``generation`` counts those begun.
+    Attributes:
+        objective: What is minimised.
+        state: (1,) of the random generator.
+        budget: Evaluations that may be spent.
+        spent: Evaluations that have been spent.
+        low: (d,) least value of each coordinate.
+        high: (d,) greatest value of each coordinate.
+        x: (n, d) the individuals.
+        cost: (n,) their costs.
+        candidate: (n, d) where a rule writes what it offers.
+        offered: (n,) costs of the candidates.
+        improved: (n,) 1 where the last candidate offered was taken, else 0.
+        best_x: (d,) the best vector ever seen.
+        best_cost: Its cost.
+        history: Evaluations and best cost from then on, one entry for each gain.
+        generation: Generations that have begun.
+        generations: Generations that the budget has room for: the horizon of rules with a schedule.
     """
 
     def __init__(
@@ -122,7 +156,7 @@ class Population:
 
     @property
     def size(self) -> int:
-        """How many individuals."""
+        """How many individuals there are."""
         return len(self.cost)
 
     @property
@@ -136,7 +170,11 @@ class Population:
         return self.spent >= self.budget
 
     def draw(self, first: FloatArray | None = None) -> None:
-        """Draw and evaluate the first population; ``first`` (m <= n, d) are given seeds."""
+        """Draw and evaluate the first population.
+
+        Args:
+            first: (m <= n, d) individuals that are given; the others are drawn.
+        """
         draw_uniform(self.x, self.low, self.high, self.state)
         if first is not None:
             count = min(len(first), self.size)
@@ -145,7 +183,13 @@ class Population:
         self.evaluate(self.x, self.cost)
 
     def evaluate(self, x: FloatArray, out: FloatArray, bounds: FloatArray | None = None) -> None:
-        """Costs of rows x into out, as far as the budget goes; keeps the best and the history."""
+        """Evaluate vectors as far as the budget goes, and keep the best and the history.
+
+        Args:
+            x: (m, d) vectors.
+            out: (m,) takes their costs; infinity where the budget is spent.
+            bounds: (m,) costs above which the exact one does not matter; by default there are none.
+        """
         count = min(len(x), max(0, self.budget - self.spent))
         limit = np.full(len(x), np.inf) if bounds is None else bounds
         out[count:] = np.inf
@@ -166,17 +210,21 @@ class Population:
         _accept(self.x, self.cost, self.candidate, self.offered, self.improved)
 
     def price(self) -> None:
-        """Put the candidates into the box and their costs, in full, into ``offered``."""
+        """Put the candidates into the box, and their costs, in full, into ``offered``."""
         _keep_inside(self.candidate, self.low, self.high, self._reflect)
         self.evaluate(self.candidate, self.offered)
 
     def replace(self) -> None:
-        """The candidates become the population, better or not."""
+        """Make the candidates the population, better or not."""
         self.price()
         self.x[:], self.cost[:] = self.candidate, self.offered
 
     def remove_duplicates(self) -> int:
-        """Mutate one coordinate of each individual that equals another; how many were moved."""
+        """Mutate one coordinate of each individual that equals another.
+
+        Returns:
+            How many were moved.
+        """
         moved = _move_duplicates(self.x, self.cost, self.low, self.high, self.state)
         if moved:
             at = np.flatnonzero(np.isnan(self.cost))
@@ -192,7 +240,7 @@ class NoOptions:
 
 
 class Rule:
-    """Base of the update rules; a new one is made for each plan, so it may keep memory."""
+    """Base of the update rules. A new one is made for each plan, so a rule may keep memory."""
 
     name: ClassVar[str] = ""
     Options: ClassVar[Any] = NoOptions
@@ -207,29 +255,48 @@ class Rule:
     scheduled: ClassVar[bool] = False
     """Whether it follows a schedule over the whole budget, so that idling does not end it."""
     reflect: ClassVar[bool] = False
-    invariant: ClassVar[tuple[str, ...]] = ("shift", "mirror", "scale")
-    """Changes of the world under which its results agree: shift, rotate, mirror, scale."""
 
     def __init__(self, options: Any = None) -> None:
         self.options = self.Options() if options is None else options
 
     @property
     def examined(self) -> int | None:
-        """At how many points within a segment clearance is looked at; None: all along the curve."""
+        """At how many points within a segment clearance is examined; None: all along the curve."""
         return None
 
     def begin(self, population: Population) -> None:
-        """Called once, with the first population evaluated."""
+        """Prepare for the first generation. It is called once, with the first population evaluated.
+
+        Args:
+            population: The population.
+        """
 
     def generation(self, population: Population) -> None:
-        """One generation."""
+        """Make one generation.
+
+        Args:
+            population: The population; changed.
+
+        Raises:
+            NotImplementedError: If the rule does not say how.
+        """
         raise NotImplementedError
 
 
 def minimise(
     rule: Rule, population: Population, first: FloatArray | None = None, *, idle: int = 10**9
 ) -> int:
-    """Run a rule until the budget is spent or ``idle`` generations bring nothing; generations."""
+    """Run a rule until the budget is spent or too many generations in a row bring nothing.
+
+    Args:
+        rule: The rule.
+        population: The population; drawn anew.
+        first: (m, d) individuals of the first population that are given.
+        idle: Generations without a gain that end it; they do not end a rule with a schedule.
+
+    Returns:
+        How many generations there were.
+    """
     population.draw(first)
     each = max(1, round(rule.evaluations * population.size))
     left = population.budget - population.spent

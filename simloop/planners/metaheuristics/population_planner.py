@@ -1,4 +1,4 @@
-"""A rule, a coding, a first population and a budget make a planner."""
+"""A planner made of a rule, a coding, a first population and a budget."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ import numpy as np
 
 from simloop.common.errors import did_you_mean
 from simloop.config import PlannerConfig, VehicleConfig
-from simloop.messages import FloatArray, Plan, WorldView
+from simloop.messages import Plan
 from simloop.planners.metaheuristics.codings import CODINGS, PathObjective, encode, make_coding
 from simloop.planners.metaheuristics.population import Population, Rule, minimise
 from simloop.planners.metaheuristics.seeds import seeded
-from simloop.planners.problem.account import account, lack_of, problem_of
+from simloop.planners.problem.account import account, problem_of
 from simloop.planners.problem.clearance import Problem
+from simloop.planners.protocol import PlanningTask
 from simloop.planners.splitmix import make_state
 from simloop.planners.tlbo.warm import way_ahead
 
@@ -28,8 +29,11 @@ _HERE_M = 1e-6
 class Setup:
     """What every rule's planner understands of ``[planner.options]``.
 
-    points: inner waypoints. coding: see `codings`. seeding: ``seeded`` (routes and
-    bends) or ``uniform`` (as the papers print). 0 or empty: the rule's own.
+    Attributes:
+        points: Inner waypoints of a path; 0 for the rule's own number.
+        coding: One of `codings.CODINGS`; empty for the rule's own.
+        seeding: ``seeded`` (routes and bends) or ``uniform`` (as the papers print it); empty for
+            the rule's own.
     """
 
     points: int = 0
@@ -38,7 +42,18 @@ class Setup:
 
 
 def read_options(rule: type[Rule], given: dict[str, Any]) -> tuple[Setup, Any]:
-    """Split and check ``[planner.options]``; a one-line ValueError says what is wrong."""
+    """Split and check ``[planner.options]``.
+
+    Args:
+        rule: The rule's class.
+        given: The keys and values.
+
+    Returns:
+        What concerns the planner, and the rule's own ``Options``.
+
+    Raises:
+        ValueError: One line that says which option is wrong and what is allowed.
+    """
     known = {f.name: f.default for f in (*fields(Setup), *fields(rule.Options))}
     for key, value in given.items():
         if key not in known:
@@ -62,41 +77,39 @@ def read_options(rule: type[Rule], given: dict[str, Any]) -> tuple[Setup, Any]:
 
 
 class PopulationPlanner:
-    """Keeps `simloop.planners.protocol.Planner`."""
+    """A planner that searches with a rule; it follows `simloop.planners.protocol.Planner`."""
 
     def __init__(self, rule: type[Rule], config: PlannerConfig, vehicle: VehicleConfig) -> None:
         self._rule, self._config, self.name = rule, config, rule.name
         self._setup, self._options = read_options(rule, dict(config.options))
         self._overhang = max(vehicle.footprint_offsets_m)
 
-    def plan(
-        self,
-        world: WorldView,
-        start: FloatArray,
-        goal: FloatArray,
-        rng: np.random.Generator,
-        *,
-        previous: Plan | None = None,
-        reason: str = "frame",
-    ) -> Plan:
-        """As the protocol says. What lies ahead of ``previous`` is in a seeded first population;
-        rules that begin uniformly, as the papers print them, begin anew."""
-        problem = problem_of(self._config, self._overhang, world, start, goal)
-        population, objective, generations = self._search(problem, rng, previous)
+    def plan(self, task: PlanningTask, rng: np.random.Generator) -> Plan:
+        """Plan a path for a task.
+
+        What lies ahead of the previous plan is one of a seeded first population. Rules that begin
+        uniformly, as the papers print them, begin anew.
+
+        Args:
+            task: Where to plan.
+            rng: The only source of randomness; one number is drawn.
+
+        Returns:
+            The plan, with some of the last population as its candidates, and its history.
+        """
+        problem = problem_of(self._config, self._overhang, task)
+        population, objective, generations = self._search(problem, rng, task.previous)
         path = objective.path(population.best_x)
-        if math.dist(start[:2], goal) < _HERE_M:
-            path = np.array([start[:2], goal], dtype=np.float64)
-        lack = lack_of(problem, path)
+        if math.dist(task.start[:2], task.goal) < _HERE_M:
+            path = np.array([task.start[:2], task.goal], dtype=np.float64)
         shown = np.argsort(population.cost, kind="mergesort")[:_SHOWN]
         return account(
             self.name,
-            world,
+            task,
             problem,
             path,
-            lack,
             evaluations=population.spent,
             generations=generations,
-            reason=reason,
             candidates_m=tuple(objective.path(population.x[k]) for k in shown),
             history=np.array(population.history, dtype=np.float64).reshape(-1, 2),
         )
@@ -104,6 +117,7 @@ class PopulationPlanner:
     def _search(
         self, problem: Problem, rng: np.random.Generator, previous: Plan | None
     ) -> tuple[Population, PathObjective, int]:
+        """The last population, its objective, and how many generations there were."""
         config, setup, rule = self._config, self._setup, self._rule(self._options)
         coding = make_coding(problem, setup.coding or rule.coding, setup.points or rule.points)
         objective = PathObjective(problem, coding, rule.examined)

@@ -1,5 +1,7 @@
-"""African vultures optimisation (Abdollahzadeh, Gharehchopogh, Mirjalili 2021), whose print in
-Abed 2022 is garbled: Eqs. 1-18 of the original are taken."""
+"""African vultures optimisation (Abdollahzadeh, Gharehchopogh, Mirjalili 2021).
+
+Its print in Abed 2022 is garbled, so Eqs. 1-18 of the original are used.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +21,16 @@ _TINY = 1e-15
 
 @dataclass(frozen=True, slots=True)
 class AvoaOptions:
-    """p1, p2, p3: chances of the first way of each phase; first: chance to follow the best vulture
-    and not the second (L1); gamma (w): how early exploration ends; levy_step of the flight."""
+    """Parameters of the vultures.
+
+    Attributes:
+        p1: Chance of the first way of exploring.
+        p2: Chance of the first way of the second phase of exploitation.
+        p3: Chance of the first way of the first phase of exploitation.
+        first: Chance to follow the best vulture and not the second (L1).
+        gamma: How early exploration ends (w).
+        levy_step: Step of the Levy flight.
+    """
 
     p1: float = 0.6
     p2: float = 0.4
@@ -28,6 +38,14 @@ class AvoaOptions:
     first: float = 0.8
     gamma: float = 2.5
     levy_step: float = 0.01
+
+
+@njit(cache=True)
+def _levy_sigma() -> float:
+    """Width of the Gaussian in Mantegna's Levy flight, Eq. 18."""
+    sigma = math.gamma(1.0 + _LEVY) * math.sin(0.5 * math.pi * _LEVY)
+    sigma /= math.gamma(0.5 * (1.0 + _LEVY)) * _LEVY * 2.0 ** (0.5 * (_LEVY - 1.0))
+    return float(sigma ** (1.0 / _LEVY))
 
 
 @njit(cache=True)
@@ -45,11 +63,24 @@ def soar(
     levy_step: float,
     state: State,
 ) -> None:
-    """One move of all vultures. best: (2, d) the two best; hunger: what multiplies z in Eq. 4."""
+    """Move all vultures once.
+
+    Args:
+        x: (n, d) the vultures.
+        candidate: (n, d) takes where they go.
+        best: (2, d) the two best.
+        low: (d,) least value of each coordinate.
+        high: (d,) greatest value of each coordinate.
+        hunger: What multiplies z in Eq. 4.
+        p1: See `AvoaOptions`.
+        p2: See `AvoaOptions`.
+        p3: See `AvoaOptions`.
+        first: See `AvoaOptions`.
+        levy_step: See `AvoaOptions`.
+        state: (1,) of the random generator.
+    """
     n, d = x.shape
-    sigma = math.gamma(1.0 + _LEVY) * math.sin(0.5 * math.pi * _LEVY)
-    sigma /= math.gamma(0.5 * (1.0 + _LEVY)) * _LEVY * 2.0 ** (0.5 * (_LEVY - 1.0))
-    sigma = sigma ** (1.0 / _LEVY)
+    sigma = _levy_sigma()
     for k in range(n):
         f = hunger * (2.0 * uniform(state) - 1.0)
         r = best[0] if uniform(state) < first else best[1]
@@ -58,18 +89,18 @@ def soar(
             here = x[k, j]
             apart = abs(r[j] - here)
             around = abs(2.0 * b * r[j] - here)
-            if abs(f) >= 1.0:
+            if abs(f) >= 1.0:  # sated vultures explore
                 if a < p1:
                     y = r[j] - around * f
                 else:
                     y = r[j] - f + b * ((high[j] - low[j]) * c + low[j])
-            elif abs(f) >= 0.5:
+            elif abs(f) >= 0.5:  # exploitation, first phase: siege or rotating flight
                 if a < p3:
                     y = around * (f + c) - (r[j] - here)
                 else:
                     turn = r[j] * here / (2.0 * math.pi)
                     y = r[j] - turn * (b * math.cos(here) + c * math.sin(here))
-            elif a < p2:
+            elif a < p2:  # exploitation, second phase: about both of the best, or a Levy flight
                 y = 0.0
                 for i in range(2):
                     v = best[i, j]
@@ -81,20 +112,24 @@ def soar(
 
 
 class AfricanVultures(Rule):
-    """Every vulture moves whether that is better or not; the two best ever seen lead."""
+    """Every vulture moves, whether that is better or not; the two best ever seen lead."""
 
     name = "avoa"
     Options = AvoaOptions
     scheduled = True
-    invariant = ()
 
     def begin(self, population: Population) -> None:
+        """Remember the two best of the first population.
+
+        Args:
+            population: The population.
+        """
         self._best_x = np.zeros((2, population.x.shape[1]))
         self._best_cost = np.full(2, np.inf)
         self._remember(population)
 
     def _remember(self, p: Population) -> None:
-        """Keep the two best positions seen, different ones."""
+        """Keep the two best positions ever seen, two different ones."""
         for k in np.argsort(p.cost, kind="mergesort")[:2]:
             if p.cost[k] < self._best_cost[0]:
                 self._best_x[1], self._best_cost[1] = self._best_x[0], self._best_cost[0]
@@ -105,6 +140,11 @@ class AfricanVultures(Rule):
             self._best_x[1] = self._best_x[0]
 
     def generation(self, population: Population) -> None:
+        """Make one generation, Eqs. 3 and 4 for the hunger.
+
+        Args:
+            population: The population; changed.
+        """
         p, o = population, self.options
         quarter = 0.5 * math.pi * p.progress
         h = 4.0 * uniform(p.state) - 2.0

@@ -1,4 +1,4 @@
-"""Differential evolution (Storn, Price 1997), artificial bee colony (Karaboga, Basturk 2007)."""
+"""Differential evolution (Storn, Price 1997) and artificial bee colony (Karaboga, Basturk 2007)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,12 @@ from simloop.planners.splitmix import State, below, uniform
 
 @dataclass(frozen=True, slots=True)
 class DeOptions:
-    """factor F and crossover CR of DE/rand/1/bin (Storn & Price 1997; Wu 2016 uses 0.5, 0.4)."""
+    """Parameters of DE/rand/1/bin (Storn & Price 1997; Wu 2016 uses 0.5 and 0.4).
+
+    Attributes:
+        factor: F, the weight of the difference.
+        crossover: CR, the chance of a coordinate to be taken.
+    """
 
     factor: float = 0.5
     crossover: float = 0.9
@@ -22,7 +27,15 @@ class DeOptions:
 
 @njit(cache=True)
 def mix(x: FloatArray, candidate: FloatArray, f: float, cr: float, state: State) -> None:
-    """DE/rand/1/bin: a + f (b - c) in at least one coordinate, a, b, c and k all different."""
+    """DE/rand/1/bin: a + f (b - c) in at least one coordinate; a, b, c and k all different.
+
+    Args:
+        x: (n, d) the individuals.
+        candidate: (n, d) takes what is offered.
+        f: Weight of the difference.
+        cr: Chance of a coordinate to be taken.
+        state: (1,) of the random generator.
+    """
     n, d = x.shape
     for k in range(n):
         a = b = c = k
@@ -39,12 +52,17 @@ def mix(x: FloatArray, candidate: FloatArray, f: float, cr: float, state: State)
 
 
 class DifferentialEvolution(Rule):
-    """DE/rand/1/bin."""
+    """DE/rand/1/bin with greedy acceptance."""
 
     name = "de"
     Options = DeOptions
 
     def generation(self, population: Population) -> None:
+        """Make one generation.
+
+        Args:
+            population: The population; changed.
+        """
         p = population
         mix(p.x, p.candidate, self.options.factor, self.options.crossover, p.state)
         p.offer()
@@ -52,7 +70,11 @@ class DifferentialEvolution(Rule):
 
 @dataclass(frozen=True, slots=True)
 class AbcOptions:
-    """limit: failures after which a source is left; 0: sources times dimensions, as usual."""
+    """Parameters of the bee colony.
+
+    Attributes:
+        limit: Failures after which a source is abandoned; 0: sources times dimensions, as usual.
+    """
 
     limit: int = 0
 
@@ -61,7 +83,15 @@ class AbcOptions:
 def forage(
     x: FloatArray, cost: FloatArray, source: FloatArray, candidate: FloatArray, state: State
 ) -> None:
-    """One coordinate of each bee's source moves by phi (x_i - x_q), phi in [-1, 1]."""
+    """Move one coordinate of each bee's source by phi (x_i - x_q), phi in [-1, 1].
+
+    Args:
+        x: (n, d) the sources.
+        cost: (n,) their costs.
+        source: (n,) which source each bee goes to.
+        candidate: (n, d) takes what the bees find.
+        state: (1,) of the random generator.
+    """
     n, d = x.shape
     for k in range(n):
         i = int(source[k])
@@ -73,7 +103,13 @@ def forage(
 
 @njit(cache=True)
 def onlook(cost: FloatArray, source: FloatArray, state: State) -> None:
-    """Each onlooker picks a source, the likelier the fitter: 1/(1 + J), or 1 + |J| below zero."""
+    """Let each onlooker choose a source, the likelier the fitter: 1/(1 + J), or 1 + |J| below zero.
+
+    Args:
+        cost: (n,) costs of the sources.
+        source: (n,) takes the source that each bee goes to.
+        state: (1,) of the random generator.
+    """
     n = cost.size
     sums = np.empty(n)
     total = 0.0
@@ -93,7 +129,16 @@ def settle_bees(
     offered: FloatArray,
     failures: FloatArray,
 ) -> None:
-    """Greedy choice at each bee's source; what does not improve it counts against it."""
+    """Choose greedily at each bee's source; what does not improve it counts as a failure.
+
+    Args:
+        x: (n, d) the sources; changed.
+        cost: (n,) their costs; changed.
+        source: (n,) which source each bee went to.
+        candidate: (n, d) what the bees found.
+        offered: (n,) its costs.
+        failures: (n,) failures in a row at each source; changed.
+    """
     for k in range(cost.size):
         i = int(source[k])
         if offered[k] < cost[i]:
@@ -112,10 +157,20 @@ class BeeColony(Rule):
     evaluations = 2.0
 
     def begin(self, population: Population) -> None:
+        """Send one employed bee to each source.
+
+        Args:
+            population: The population.
+        """
         self._failures = np.zeros(population.size)
         self._source = np.arange(population.size, dtype=np.float64)
 
     def generation(self, population: Population) -> None:
+        """Make one generation: employed bees, onlookers, then a scout where a source is abandoned.
+
+        Args:
+            population: The population; changed.
+        """
         p, failures, source = population, self._failures, self._source
         limit = self.options.limit or p.size * p.x.shape[1]
         for onlookers in (False, True):

@@ -15,8 +15,13 @@ from simloop.planners.splitmix import State, below, uniform
 
 @dataclass(frozen=True, slots=True)
 class GaOptions:
-    """crossover: share of pairs that cross; crossover_index, mutation_index: of the simulated
-    binary crossover and the polynomial mutation (Deb & Agrawal 1995; Deb 2001)."""
+    """Parameters of the genetic algorithm (Deb & Agrawal 1995; Deb 2001).
+
+    Attributes:
+        crossover: Share of pairs that cross.
+        crossover_index: Distribution index of the simulated binary crossover.
+        mutation_index: Distribution index of the polynomial mutation.
+    """
 
     crossover: float = 0.9
     crossover_index: float = 15.0
@@ -36,7 +41,16 @@ def _spread(beta: float, eta: float, u: float) -> float:
 def cross(
     a: FloatArray, b: FloatArray, low: FloatArray, high: FloatArray, eta: float, state: State
 ) -> None:
-    """Simulated binary crossover of two rows in place, each coordinate with even chance."""
+    """Simulated binary crossover of two rows in place, each coordinate with even chance.
+
+    Args:
+        a: (d,) one parent; becomes a child.
+        b: (d,) the other; becomes the other child.
+        low: (d,) least value of each coordinate.
+        high: (d,) greatest value of each coordinate.
+        eta: Distribution index.
+        state: (1,) of the random generator.
+    """
     for j in range(a.size):
         if uniform(state) >= 0.5 or abs(a[j] - b[j]) <= 1e-14:
             continue
@@ -56,7 +70,16 @@ def cross(
 def mutate(
     row: FloatArray, low: FloatArray, high: FloatArray, chance: float, eta: float, state: State
 ) -> None:
-    """Polynomial mutation of a row in place, each coordinate with ``chance``."""
+    """Polynomial mutation of a row in place.
+
+    Args:
+        row: (d,) the individual; changed.
+        low: (d,) least value of each coordinate.
+        high: (d,) greatest value of each coordinate.
+        chance: Chance of each coordinate to be mutated.
+        eta: Distribution index.
+        state: (1,) of the random generator.
+    """
     for j in range(row.size):
         wide = high[j] - low[j]
         if uniform(state) >= chance or wide <= 0.0:
@@ -75,7 +98,15 @@ def mutate(
 
 @njit(cache=True)
 def tournament(cost: FloatArray, state: State) -> int:
-    """The better of two drawn at random."""
+    """Return the better of two individuals drawn at random.
+
+    Args:
+        cost: (n,) costs of the individuals.
+        state: (1,) of the random generator.
+
+    Returns:
+        Index of the better one.
+    """
     a, b = below(state, cost.size), below(state, cost.size)
     return a if cost[a] <= cost[b] else b
 
@@ -92,7 +123,19 @@ def breed(
     mutation_eta: float,
     state: State,
 ) -> None:
-    """Fill candidate (any number of rows) with children of parents chosen by tournament."""
+    """Fill rows with children of parents chosen by tournament.
+
+    Args:
+        x: (n, d) the parents.
+        cost: (n,) their costs.
+        candidate: (any number, d) takes the children.
+        low: (d,) least value of each coordinate.
+        high: (d,) greatest value of each coordinate.
+        rate: Share of pairs that cross.
+        cross_eta: Distribution index of the crossover.
+        mutation_eta: Distribution index of the mutation.
+        state: (1,) of the random generator.
+    """
     n, d = candidate.shape
     spare = np.empty(d)
     for k in range(0, n, 2):
@@ -107,13 +150,20 @@ def breed(
 
 
 class GeneticAlgorithm(Rule):
-    """Tournament, simulated binary crossover, polynomial mutation; the best of parents and
-    children live on."""
+    """Tournament, simulated binary crossover and polynomial mutation.
+
+    The best of parents and children live on.
+    """
 
     name = "ga"
     Options = GaOptions
 
     def generation(self, population: Population) -> None:
+        """Make one generation.
+
+        Args:
+            population: The population; changed.
+        """
         p, o = population, self.options
         breed(
             p.x, p.cost, p.candidate, p.low, p.high,
@@ -127,7 +177,17 @@ class GeneticAlgorithm(Rule):
 
 @dataclass(frozen=True, slots=True)
 class GaPsoOptions:
-    """The genetic operators' figures and the swarm's, see `GaOptions` and `rule_swarm`."""
+    """Parameters of the hybrid.
+
+    Attributes:
+        crossover: See `GaOptions`.
+        crossover_index: See `GaOptions`.
+        mutation_index: See `GaOptions`.
+        inertia: See `rule_swarm.PsoOptions`.
+        own: See `rule_swarm.PsoOptions`.
+        social: See `rule_swarm.PsoOptions`.
+        speed_limit: See `rule_swarm.PsoOptions`.
+    """
 
     crossover: float = 0.9
     crossover_index: float = 15.0
@@ -139,16 +199,26 @@ class GaPsoOptions:
 
 
 class GaPso(Rule):
-    """Juang 2004: the better half flies as a swarm does, the other half is bred from it."""
+    """Juang 2004: the better half flies as a swarm does, and the other half is bred from it."""
 
     name = "ga_pso"
     Options = GaPsoOptions
 
     def begin(self, population: Population) -> None:
+        """Give every particle no speed, and its own place as its best.
+
+        Args:
+            population: The population.
+        """
         self._speed = np.zeros_like(population.x)
         self._own_x, self._own_cost = population.x.copy(), population.cost.copy()
 
     def generation(self, population: Population) -> None:
+        """Make one generation.
+
+        Args:
+            population: The population; changed.
+        """
         p, o = population, self.options
         order, half = np.argsort(p.cost, kind="mergesort"), p.size // 2
         for rows in (p.x, p.cost, self._speed, self._own_x, self._own_cost):

@@ -1,5 +1,8 @@
-"""Particle swarms: global best (Kennedy & Eberhart 1995, Clerc & Kennedy 2002's figures), and the
-adaptive one (Zhan, Zhang, Li, Chung 2009)."""
+"""Particle swarms: the global-best swarm and the adaptive one.
+
+Sources: Kennedy & Eberhart 1995 with the figures of Clerc & Kennedy 2002; Zhan, Zhang, Li, Chung
+2009 for the adaptive swarm.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +20,14 @@ from simloop.planners.splitmix import State, below, normal, uniform
 
 @dataclass(frozen=True, slots=True)
 class PsoOptions:
-    """inertia w, own c1, social c2 (Clerc & Kennedy 2002's constriction; Wu 2016 has 0.9, 2, 2);
-    speed_limit: share of the box's width a generation."""
+    """Parameters of the swarm (Clerc & Kennedy 2002's constriction; Wu 2016 has 0.9, 2, 2).
+
+    Attributes:
+        inertia: w, the share of the velocity that is kept.
+        own: c1, the pull of a particle's own best place.
+        social: c2, the pull of the best place ever seen.
+        speed_limit: Greatest velocity, as a share of the box's width a generation.
+    """
 
     inertia: float = 0.729
     own: float = 1.49445
@@ -41,8 +50,24 @@ def fly(
     limit: float,
     state: State,
 ) -> None:
-    """v = w v + c1 r1 (own best - x) + c2 r2 (best - x), limited; candidate = x + v. A particle
-    that meets a wall of the box stops there in that coordinate."""
+    """Move every particle: v = w v + c1 r1 (own best - x) + c2 r2 (best - x), limited.
+
+    A particle that meets a wall of the box stops there in that coordinate.
+
+    Args:
+        x: (n, d) the particles.
+        speed: (n, d) their velocities; changed.
+        own_x: (n, d) the best place of each.
+        best_x: (d,) the best place ever seen.
+        candidate: (n, d) takes where they go.
+        low: (d,) least value of each coordinate.
+        high: (d,) greatest value of each coordinate.
+        w: Inertia.
+        c1: Pull of a particle's own best place.
+        c2: Pull of the best place ever seen.
+        limit: Greatest velocity, as a share of the box's width.
+        state: (1,) of the random generator.
+    """
     n, d = x.shape
     for k in range(n):
         for j in range(d):
@@ -62,6 +87,11 @@ class ParticleSwarm(Rule):
     Options: ClassVar[Any] = PsoOptions
 
     def begin(self, population: Population) -> None:
+        """Give every particle no speed, and its own place as its best.
+
+        Args:
+            population: The population.
+        """
         self._speed = np.zeros_like(population.x)
         self._own_x, self._own_cost = population.x.copy(), population.cost.copy()
 
@@ -75,14 +105,24 @@ class ParticleSwarm(Rule):
         self._own_x[better], self._own_cost[better] = p.x[better], p.cost[better]
 
     def generation(self, population: Population) -> None:
+        """Make one generation.
+
+        Args:
+            population: The population; changed.
+        """
         o = self.options
         self._move(population, o.inertia, o.own, o.social, o.speed_limit)
 
 
 @dataclass(frozen=True, slots=True)
 class ApsoOptions:
-    """speed_limit: as Zhan 2009, a fifth of the box; learn_high, learn_low: width of the elitist
-    learning's Gaussian at the start and the end."""
+    """Parameters of the adaptive swarm (Zhan 2009).
+
+    Attributes:
+        speed_limit: Greatest velocity, as a share of the box's width a generation.
+        learn_high: Width of the elitist learning's Gaussian at the start.
+        learn_low: Its width at the end.
+    """
 
     speed_limit: float = 0.2
     learn_high: float = 1.0
@@ -91,7 +131,15 @@ class ApsoOptions:
 
 @njit(cache=True)
 def evolutionary_factor(x: FloatArray, best: int) -> float:
-    """f of Zhan 2009, Eq. 7: how far the best particle is from the others, 0 (amid) to 1."""
+    """Return f of Zhan 2009, Eq. 7: how far the best particle is from the others.
+
+    Args:
+        x: (n, d) the particles.
+        best: Index of the best one.
+
+    Returns:
+        0 (amid the others) to 1 (farthest out).
+    """
     n, d = x.shape
     least, most, at_best = np.inf, 0.0, 0.0
     for i in range(n):
@@ -112,7 +160,14 @@ EXPLORE, EXPLOIT, CONVERGE, JUMP_OUT = 0, 1, 2, 3
 
 
 def memberships(f: float) -> tuple[float, float, float, float]:
-    """Fuzzy membership of f in the four states, Zhan 2009, Eqs. 8a-8d."""
+    """Return the fuzzy membership of f in the four states, Zhan 2009, Eqs. 8a-8d.
+
+    Args:
+        f: The evolutionary factor, 0 to 1.
+
+    Returns:
+        Memberships of exploring, exploiting, converging and jumping out.
+    """
     explore = float(np.interp(f, [0.4, 0.6, 0.7, 0.8], [0.0, 1.0, 1.0, 0.0]))
     exploit = float(np.interp(f, [0.2, 0.3, 0.4, 0.6], [0.0, 1.0, 1.0, 0.0]))
     converge = float(np.interp(f, [0.1, 0.3], [1.0, 0.0]))
@@ -121,8 +176,17 @@ def memberships(f: float) -> tuple[float, float, float, float]:
 
 
 def classify(f: float, before: int) -> int:
-    """The state, with Zhan's sequence explore -> exploit -> converge -> jump out -> explore: of
-    two that overlap the one that was stays, else the one that comes next in the sequence."""
+    """Choose the state of the swarm, in Zhan's sequence explore, exploit, converge, jump out.
+
+    Where two states overlap, the present one stays, or else the next one in the sequence is taken.
+
+    Args:
+        f: The evolutionary factor, 0 to 1.
+        before: The present state.
+
+    Returns:
+        The new state.
+    """
     likely = [s for s, m in enumerate(memberships(f)) if m > 0.0]
     if not likely:
         return before
@@ -133,18 +197,31 @@ def classify(f: float, before: int) -> int:
 
 
 class AdaptiveSwarm(ParticleSwarm):
-    """The swarm's figures follow its state; in convergence the best tries a jump (Zhan 2009)."""
+    """A swarm whose parameters follow its state (Zhan 2009).
+
+    While it converges, the best tries a jump.
+    """
 
     name = "apso"
     Options: ClassVar[Any] = ApsoOptions
     scheduled = True
 
     def begin(self, population: Population) -> None:
+        """Begin as the swarm does, exploring.
+
+        Args:
+            population: The population.
+        """
         super().begin(population)
         self._c1 = self._c2 = 2.0
         self._swarm_state = EXPLORE
 
     def generation(self, population: Population) -> None:
+        """Make one generation.
+
+        Args:
+            population: The population; changed.
+        """
         p, o = population, self.options
         f = evolutionary_factor(p.x, int(np.argmin(p.cost)))
         self._swarm_state = classify(f, self._swarm_state)
@@ -169,7 +246,7 @@ class AdaptiveSwarm(ParticleSwarm):
             self._c1, self._c2 = 4.0 * self._c1 / total, 4.0 * self._c2 / total
 
     def _elitist_learning(self, p: Population) -> None:
-        """One coordinate of the best jumps; where that does not help it replaces the worst."""
+        """One coordinate of the best jumps; where that is no gain, it replaces the worst."""
         o = self.options
         sigma = o.learn_high - (o.learn_high - o.learn_low) * p.progress
         jump, cost = p.best_x.reshape(1, -1).copy(), np.empty(1)

@@ -1,5 +1,8 @@
-"""Teaching-learning-based rules: as the 2022 papers print it, elitist (Rao & Patel 2012), and with
-nonlinear inertia weights (Wu 2016)."""
+"""Teaching-learning-based rules.
+
+As the 2022 papers print it, elitist (Rao & Patel 2012), and with nonlinear inertia weights (Wu
+2016).
+"""
 
 from __future__ import annotations
 
@@ -23,9 +26,17 @@ def teach(
     floor: float,
     state: State,
 ) -> None:
-    """Eqs. 20-23: candidate = weight x + r (teacher - T_f mean), r in [floor, 1] a subject.
+    """Teacher phase, Eqs. 20-23: candidate = weight x + r (teacher - T_f mean), one r a subject.
 
-    Printed: weight 1, floor 0; Wu's Eqs. 2 and 5: weight w, floor 1/2.
+    As printed: weight 1, floor 0. Wu's Eqs. 2 and 5: weight w, floor 1/2.
+
+    Args:
+        x: (n, d) the learners.
+        cost: (n,) their costs.
+        candidate: (n, d) takes what is offered.
+        weight: Inertia weight.
+        floor: Least value of r; the greatest is 1.
+        state: (1,) of the random generator.
     """
     n, d = x.shape
     teacher = np.argmin(cost)
@@ -49,7 +60,16 @@ def learn(
     floor: float,
     state: State,
 ) -> None:
-    """Eq. 25 (Wu's Eq. 6): away from a worse fellow, towards a better one; as it was if equal."""
+    """Learner phase, Eq. 25 (Wu's Eq. 6): away from a worse fellow, towards a better one.
+
+    Args:
+        x: (n, d) the learners.
+        cost: (n,) their costs.
+        candidate: (n, d) takes what is offered; as it was where both are equal.
+        weight: Inertia weight.
+        floor: Least value of r; the greatest is 1.
+        state: (1,) of the random generator.
+    """
     n, d = x.shape
     for k in range(n):
         q = (k + 1 + below(state, n - 1)) % n
@@ -62,7 +82,13 @@ def learn(
 
 
 def teach_and_learn(p: Population, weight: float, floor: float) -> None:
-    """Both phases, each learner keeping the better (Eq. 24)."""
+    """Run both phases; each learner keeps the better (Eq. 24).
+
+    Args:
+        p: The population; changed.
+        weight: Inertia weight.
+        floor: Least random factor.
+    """
     teach(p.x, p.cost, p.candidate, weight, floor, p.state)
     p.offer()
     learn(p.x, p.cost, p.candidate, weight, floor, p.state)
@@ -71,20 +97,26 @@ def teach_and_learn(p: Population, weight: float, floor: float) -> None:
 
 @dataclass(frozen=True, slots=True)
 class PaperOptions:
-    """examined: points within each segment at which the distance d_j "during the vehicle motion" is
-    looked at besides the waypoints; 0: at the waypoints alone, as the index of Eq. 8 says, and most
-    paths then cut through obstacles, which those of the papers' figures do not."""
+    """Parameters of the printed rule.
+
+    Attributes:
+        examined: Points within each segment at which the distance d_j "during the vehicle motion"
+            is
+            examined besides the waypoints. With 0 it is the waypoints alone, as the index of Eq. 8
+            says; most paths then cut through obstacles, which those of the papers' figures do not.
+    """
 
     examined: int = 30
 
 
 class TlboPaper(Rule):
-    """As Sabiha 2022 prints it, its defects included.
+    """TLBO as Sabiha 2022 prints it, its defects included.
 
-    Clearance at some points only, one term an obstacle (Eqs. 8, 16), blind between them; points
-    beyond the box are clipped to its wall (Eq. 26), where many coincide and hide their turning; the
-    teacher's step depends on where the origin is (Eq. 21 with T_f = 2); two evaluations a learner a
-    generation. M is not given: six points, of which four are sought.
+    Clearance is examined at some points only, one term an obstacle (Eqs. 8, 16), and not between
+    them. Points beyond the box are clipped to its wall (Eq. 26), where many coincide and hide their
+    turning. The teacher's step depends on where the origin is (Eq. 21 with T_f = 2). There are two
+    evaluations a
+    learner a generation. M is not given: a path has six points, of which four are sought.
     """
 
     name = "tlbo_paper"
@@ -92,32 +124,45 @@ class TlboPaper(Rule):
     points = 4
     seeding = "uniform"
     evaluations = 2.0
-    invariant = ()
 
     @property
     def examined(self) -> int:
+        """At how many points within a segment clearance is examined."""
         return int(self.options.examined)
 
     def generation(self, population: Population) -> None:
+        """Make one generation.
+
+        Args:
+            population: The population; changed.
+        """
         teach_and_learn(population, 1.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class ElitistOptions:
-    """elites: how many of the best replace the worst (Rao & Patel 2012 try 0, 4, 8, 12, 16)."""
+    """Parameters of the elitist rule.
+
+    Attributes:
+        elites: How many of the best replace the worst (Rao & Patel 2012 try 0, 4, 8, 12, 16).
+    """
 
     elites: int = 4
 
 
 class TlboElitist(Rule):
-    """Rao & Patel 2012: the worst are replaced by the last generation's elite, twins mutated."""
+    """Rao & Patel 2012: the last generation's elite replaces the worst, and twins are mutated."""
 
     name = "tlbo_elitist"
     Options = ElitistOptions
     evaluations = 2.0
-    invariant = ()
 
     def generation(self, population: Population) -> None:
+        """Make one generation.
+
+        Args:
+            population: The population; changed.
+        """
         p, elites = population, min(self.options.elites, population.size // 2)
         best = np.argsort(p.cost, kind="mergesort")[:elites]
         kept_x, kept_cost = p.x[best].copy(), p.cost[best].copy()
@@ -130,13 +175,17 @@ class TlboElitist(Rule):
 
 @dataclass(frozen=True, slots=True)
 class NiwOptions:
-    """w_min: least inertia weight (Wu 2016: 0.6)."""
+    """Parameters of the rule with inertia weights.
+
+    Attributes:
+        w_min: Least inertia weight (Wu 2016: 0.6).
+    """
 
     w_min: float = 0.6
 
 
 class Niwtlbo(Rule):
-    """Wu 2016, Eqs. 2-7: nonlinear inertia weight, dynamic factor in [1/2, 1], twins mutated."""
+    """Wu 2016, Eqs. 2-7: nonlinear inertia weight, random factor in [1/2, 1], twins mutated."""
 
     name = "niwtlbo"
     Options = NiwOptions
@@ -144,9 +193,13 @@ class Niwtlbo(Rule):
     points = 14
     evaluations = 2.0
     scheduled = True
-    invariant = ("shift", "rotate", "mirror", "scale")
 
     def generation(self, population: Population) -> None:
+        """Make one generation, the inertia weight by Eq. 4.
+
+        Args:
+            population: The population; changed.
+        """
         p = population
         share = p.generation / (p.generations / 8.0)
         weight = 1.0 - math.exp(-0.5 * share * share) * (1.0 - self.options.w_min)  # Eq. 4

@@ -1,5 +1,7 @@
-"""Wind driven optimisation (Bayraktar, Komurcuoglu, Bossard, Werner 2013): parcels in a field of
-pressure, in the box scaled to [-1, 1]."""
+"""Wind driven optimisation (Bayraktar, Komurcuoglu, Bossard, Werner 2013).
+
+Parcels of air move in a field of pressure, in the box scaled to [-1, 1].
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,15 @@ from simloop.planners.splitmix import State, below
 
 @dataclass(frozen=True, slots=True)
 class WdoOptions:
-    """friction alpha, gravity g, gas (R T), coriolis c, speed_limit: Bayraktar 2013's figures."""
+    """Parameters of the wind, with Bayraktar 2013's figures.
+
+    Attributes:
+        friction: alpha.
+        gravity: g.
+        gas: R T.
+        coriolis: c.
+        speed_limit: Greatest velocity in the scaled box.
+    """
 
     friction: float = 0.4
     gravity: float = 0.2
@@ -36,8 +46,22 @@ def blow(
     figures: tuple[float, float, float, float, float],
     state: State,
 ) -> None:
-    """Eqs. 19-21: u = (1 - a) u - g x + |1/i - 1| R T (x_best - x) + c u_other / i, i the rank by
-    pressure (1 the least), u_other the parcel's velocity in a dimension drawn; |u| limited."""
+    """Move all parcels, Eqs. 19-21.
+
+    u = (1 - a) u - g x + |1/i - 1| R T (x_best - x) + c u_other / i, limited. i is the rank by
+    pressure, 1 the least; u_other is the parcel's velocity in a dimension drawn at random.
+
+    Args:
+        x: (n, d) the parcels.
+        cost: (n,) their costs, the pressure.
+        speed: (n, d) their velocities; changed.
+        best_x: (d,) the best place ever seen.
+        candidate: (n, d) takes where they go.
+        low: (d,) least value of each coordinate.
+        high: (d,) greatest value of each coordinate.
+        figures: a, g, R T, c and the greatest velocity.
+        state: (1,) of the random generator.
+    """
     alpha, gravity, gas, coriolis, limit = figures
     n, d = x.shape
     order = np.argsort(cost, kind="mergesort")
@@ -64,6 +88,11 @@ class WindDriven(Rule):
     Options = WdoOptions
 
     def begin(self, population: Population) -> None:
+        """Draw the velocities.
+
+        Args:
+            population: The population.
+        """
         p, limit = population, self.options.speed_limit
         self._speed = np.empty_like(p.x)
         for row in self._speed:
@@ -71,6 +100,11 @@ class WindDriven(Rule):
                 row[j] = limit * (2.0 * below(p.state, 1 << 30) / (1 << 30) - 1.0)
 
     def generation(self, population: Population) -> None:
+        """Make one generation.
+
+        Args:
+            population: The population; changed.
+        """
         p, o = population, self.options
         figures = (o.friction, o.gravity, o.gas, o.coriolis, o.speed_limit)
         blow(p.x, p.cost, self._speed, p.best_x, p.candidate, p.low, p.high, figures, p.state)

@@ -1,4 +1,4 @@
-"""First populations of paths: the project's routes with sideways bends, the same for every rule."""
+"""First populations of paths, alike for every rule: routes with sideways bends."""
 
 from __future__ import annotations
 
@@ -20,8 +20,15 @@ _SWING = 0.05
 
 
 def find_seed_routes(problem: Problem) -> list[FloatArray]:
-    """Routes (m, 2) as the lead planner finds them, the cheapest first, then their best mixture;
-    the straight line if there is none. What they try is counted in ``problem.trials``."""
+    """Find routes as the lead planner does. What is tried is counted in ``problem.trials``.
+
+    Args:
+        problem: The problem.
+
+    Returns:
+        Routes (m, 2), m: their best mixture, if there is one, then the cheapest first; the straight
+        line if there are none.
+    """
     stack = make_stack()
     routes = np.zeros((_ROUTES + 1, MAX_POINTS, 2))
     counts, costs = np.zeros(_ROUTES, np.int32), np.zeros(_ROUTES)
@@ -35,7 +42,17 @@ def find_seed_routes(problem: Problem) -> list[FloatArray]:
 
 
 def seeded(problem: Problem, coding: Coding, size: int, state: State) -> FloatArray:
-    """(size, d): the routes themselves, then routes with smooth sideways bends, wider and wider."""
+    """Make a first population of routes and of routes with smooth sideways bends, wider and wider.
+
+    Args:
+        problem: The problem.
+        coding: How a path becomes a vector.
+        size: How many vectors.
+        state: (1,) of the random generator.
+
+    Returns:
+        (size, d) vectors within the box.
+    """
     routes = [encode(problem, coding, route) for route in find_seed_routes(problem)]
     reach = max(coding.reach, 1e-9)
     points, rows = coding.points, []

@@ -1,1 +1,1 @@
-"""TODO."""
+"""The problem that all planners share: clearance, objective, bends, account of a plan."""

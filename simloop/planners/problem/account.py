@@ -1,26 +1,40 @@
-"""The account of a plan."""
+"""The account of a plan: what its path costs by the common objective, and whether it is safe."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
+from numba import njit
 
 from simloop.config import PlannerConfig
-from simloop.messages import FloatArray, Plan, WorldView
+from simloop.messages import FloatArray, Plan
 from simloop.planners.problem.clearance import Problem, make_problem
-from simloop.planners.problem.objective import intrusion, length_and_turning, make_stack
+from simloop.planners.problem.objective import (
+    intrusion,
+    length_and_turning,
+    make_stack,
+    start_turn,
+)
+from simloop.planners.protocol import PlanningTask
 
 
-def problem_of(
-    config: PlannerConfig, overhang_m: float, world: WorldView, start: FloatArray, goal: FloatArray
-) -> Problem:
-    """The planning problem that a config asks for."""
+def problem_of(config: PlannerConfig, overhang_m: float, task: PlanningTask) -> Problem:
+    """Build the planning problem of a task.
+
+    Args:
+        config: The weights of the objective.
+        overhang_m: How far the footprint's foremost disc is ahead of base_link, m.
+        task: The view, the start, the goal and the safe distance.
+
+    Returns:
+        The problem in the form that the compiled kernels take.
+    """
     return make_problem(
-        world,
-        start,
-        goal,
-        safe_m=config.safe_distance_m,
+        task.world,
+        task.start,
+        task.goal,
+        safe_m=task.safe_distance_m,
         overhang_m=overhang_m,
         length_weight=config.length_weight,
         turning_weight=config.turning_weight,
@@ -29,27 +43,64 @@ def problem_of(
     )
 
 
+@njit(cache=True)
+def _measure(p: Problem, path: FloatArray, stack: FloatArray) -> tuple[float, float, float, float]:
+    """Length, turning, start turn and summed intrusion of a path."""
+    m = path.shape[0]
+    length, turning = length_and_turning(path, m)
+    return length, turning, start_turn(p, path, m), intrusion(p, path, m, np.inf, stack)
+
+
 def lack_of(p: Problem, path: FloatArray) -> float:
-    """Summed intrusion of a path (n, 2), m: 0 where it keeps the safe distance all along."""
+    """Return the summed intrusion of a path.
+
+    Args:
+        p: The problem.
+        path: (n, 2) waypoints in map, m.
+
+    Returns:
+        The sum of R over the segments, m: 0 where the path keeps the safe distance all along.
+    """
     return float(intrusion(p, path, len(path), np.inf, make_stack()))
 
 
 def account(
-    name: str, world: WorldView, p: Problem, path: FloatArray, lack_m: float, **told: Any
+    name: str,
+    task: PlanningTask,
+    p: Problem,
+    path: FloatArray,
+    *,
+    lack_m: float | None = None,
+    **told: Any,
 ) -> Plan:
-    """The plan along a path (n, 2) that lacks so much: J with the lack's price, length, turning.
+    """Make the plan along a path, with the J that the common objective gives it.
 
-    told: `Plan`'s further fields.
+    Args:
+        name: The planner's name.
+        task: The task that was solved.
+        p: The task's problem.
+        path: (n, 2) waypoints in map, m.
+        lack_m: What the path lacks, m, where that is more than clearance (a path that does not
+            reach the goal); by default its summed intrusion.
+        **told: Further fields of `Plan`.
+
+    Returns:
+        The plan; it is safe if nothing is lacking.
     """
-    length, turning = length_and_turning(path, len(path))
-    cost = p.length_weight * length + p.turning_weight * turning
+    length, turning, first_turn, lack = _measure(p, path, make_stack())
+    lack = lack if lack_m is None else lack_m
+    start_turn_cost = p.start_turn_weight * first_turn
+    cost = p.length_weight * length + p.turning_weight * turning + start_turn_cost
     return Plan(
-        t_ns=world.t_ns,
+        t_ns=task.world.t_ns,
         waypoints_m=path,
-        cost=cost + p.penalty * lack_m,
+        cost=cost + p.penalty * lack,
         length_m=length,
         turning_rad=turning,
-        safe=lack_m == 0.0,
+        safe=lack == 0.0,
         planner=name,
+        reason=task.reason,
+        safe_distance_m=task.safe_distance_m,
+        start_turn_cost=start_turn_cost,
         **told,
     )

@@ -1,4 +1,9 @@
-"""Changing how many waypoints a polyline has: dropping useless ones, merging, splitting bends."""
+"""Change how many waypoints a polyline has: drop useless ones, merge bends, split bends.
+
+In this module ``path`` is an array (>= m, 2) of which the first m rows are the polyline, in map,
+m. A function that changes the polyline writes into ``path`` and returns the new m. ``stack`` is
+scratch from `objective.make_stack`.
+"""
 
 from __future__ import annotations
 
@@ -20,10 +25,19 @@ _APART_M = 1e-6
 
 @njit(cache=True)
 def is_clear(p: Problem, a: FloatArray, b: FloatArray, stack: FloatArray) -> bool:
-    """Whether the straight segment from a to b keeps the clearance asked for.
+    """Tell whether a straight segment keeps the clearance that is asked for.
 
-    Half a tolerance stricter than the objective, so that a part of a clear segment is safe.
-    Counts as a trial.
+    It is half a tolerance stricter than the objective, so that every part of a clear segment is
+    safe as well. It counts as a trial.
+
+    Args:
+        p: The problem.
+        a: (2,) where the segment begins, m.
+        b: (2,) where it ends, m.
+        stack: Scratch.
+
+    Returns:
+        Whether it is clear.
     """
     p.trials[0] += 1
     need = p.safe_m - 0.5 * p.tolerance_m
@@ -32,7 +46,13 @@ def is_clear(p: Problem, a: FloatArray, b: FloatArray, stack: FloatArray) -> boo
 
 @njit(cache=True)
 def copy_path(source: FloatArray, m: int, target: FloatArray) -> None:
-    """target[:m] = source[:m], without a temporary."""
+    """Copy the first m points of a path without a temporary array.
+
+    Args:
+        source: (>= m, 2) where they come from, m.
+        m: How many.
+        target: (>= m, 2) where they go to.
+    """
     for i in range(m):
         target[i, 0] = source[i, 0]
         target[i, 1] = source[i, 1]
@@ -40,7 +60,18 @@ def copy_path(source: FloatArray, m: int, target: FloatArray) -> None:
 
 @njit(cache=True)
 def insert_point(path: FloatArray, m: int, at: int, x: float, y: float) -> int:
-    """Put (x, y) before index ``at``; the new count."""
+    """Insert a point into a path.
+
+    Args:
+        path: (> m, 2) the path, m; changed.
+        m: How many points it has.
+        at: Index that the new point gets.
+        x: Of the point, m.
+        y: Of the point, m.
+
+    Returns:
+        The new count.
+    """
     for k in range(m, at, -1):
         path[k, 0] = path[k - 1, 0]
         path[k, 1] = path[k - 1, 1]
@@ -51,9 +82,19 @@ def insert_point(path: FloatArray, m: int, at: int, x: float, y: float) -> int:
 
 @njit(cache=True)
 def pull_taut(p: Problem, chain: FloatArray, n: int, route: FloatArray, stack: FloatArray) -> int:
-    """Keep of chain[:n] what a string would touch: each point sees the next. Count kept.
+    """Keep those points of a chain that a taut string would touch: each one sees the next.
 
-    The farthest point in sight is found by doubling, then halving.
+    The farthest point in sight is found by doubling the step, then by bisection.
+
+    Args:
+        p: The problem.
+        chain: (>= n, 2) the chain, m.
+        n: How many points it has.
+        route: (MAX_POINTS, 2) takes the points that are kept.
+        stack: Scratch.
+
+    Returns:
+        How many are kept.
     """
     route[0] = chain[0]
     m, here = 1, 0
@@ -82,7 +123,16 @@ def pull_taut(p: Problem, chain: FloatArray, n: int, route: FloatArray, stack: F
 
 @njit(cache=True)
 def drop_point(path: FloatArray, m: int, at: int) -> int:
-    """Take point ``at`` out; the new count."""
+    """Remove a point from a path.
+
+    Args:
+        path: (>= m, 2) the path, m; changed.
+        m: How many points it has.
+        at: Index of the point.
+
+    Returns:
+        The new count.
+    """
     for k in range(at, m - 1):
         path[k, 0] = path[k + 1, 0]
         path[k, 1] = path[k + 1, 1]
@@ -91,7 +141,15 @@ def drop_point(path: FloatArray, m: int, at: int) -> int:
 
 @njit(cache=True)
 def without_twins(path: FloatArray, m: int) -> int:
-    """Drop every inner point that coincides with its neighbour. The new count."""
+    """Drop every inner point that coincides with its neighbour.
+
+    Args:
+        path: (>= m, 2) the path, m; changed.
+        m: How many points it has.
+
+    Returns:
+        The new count.
+    """
     i = 1
     while i < m - 1:
         before = math.hypot(path[i, 0] - path[i - 1, 0], path[i, 1] - path[i - 1, 1])
@@ -124,9 +182,18 @@ def _slide(
 
 @njit(cache=True)
 def merge_bends(p: Problem, path: FloatArray, m: int, stack: FloatArray) -> int:
-    """Where two bends follow each other to the same side, let their outer lines meet instead.
+    """Where two bends in a row turn to the same side, let their outer lines meet instead.
 
-    The inverse of `split_bends`: fewer points, the same tangents. New count.
+    This is the inverse of `split_bends`: fewer points, the same tangents.
+
+    Args:
+        p: The problem.
+        path: (>= m, 2) the path, m; changed.
+        m: How many points it has.
+        stack: Scratch.
+
+    Returns:
+        The new count.
     """
     meet = np.empty(2)
     i = 1
@@ -156,10 +223,19 @@ def merge_bends(p: Problem, path: FloatArray, m: int, stack: FloatArray) -> int:
 
 @njit(cache=True)
 def tighten(p: Problem, path: FloatArray, m: int, stack: FloatArray) -> int:
-    """One sweep that pulls the polyline taut with as few points as it needs. New count.
+    """Pull a polyline taut in one sweep, with as few points as it needs.
 
-    A point that its neighbours do not need goes; each other slides along its two segments until
-    both touch something. Only clear moves are made, each of which shortens the path.
+    A point that its neighbours do not need is dropped. Every other point slides along its two
+    segments until both touch something. Only clear moves are made, and each shortens the path.
+
+    Args:
+        p: The problem.
+        path: (>= m, 2) the path, m; changed.
+        m: How many points it has.
+        stack: Scratch.
+
+    Returns:
+        The new count.
     """
     m = merge_bends(p, path, m, stack)
     i = 1
@@ -177,7 +253,19 @@ def tighten(p: Problem, path: FloatArray, m: int, stack: FloatArray) -> int:
 def refine(
     p: Problem, path: FloatArray, m: int, splits: int, least_turn: float, stack: FloatArray
 ) -> int:
-    """`split_bends`, ``splits`` times. New count."""
+    """Apply `split_bends` several times.
+
+    Args:
+        p: The problem.
+        path: (MAX_POINTS, 2) the path, m; changed.
+        m: How many points it has.
+        splits: How many times.
+        least_turn: Turn below which a corner is left alone, rad.
+        stack: Scratch.
+
+    Returns:
+        The new count.
+    """
     for _ in range(splits):
         m = split_bends(p, path, m, least_turn, stack)
     return m
@@ -187,10 +275,21 @@ def refine(
 def settle(
     p: Problem, path: FloatArray, m: int, sweeps: int, scratch: FloatArray, stack: FloatArray
 ) -> tuple[int, float]:
-    """`tighten` up to ``sweeps`` times and keep what costs least with its bends split.
+    """Tighten a path up to ``sweeps`` times and keep the version that costs least with split bends.
 
-    A shorter path may turn more, or slip past an obstacle to a dearer side. scratch: (2,
-    MAX_POINTS, 2). Returns the new count and that cost.
+    A shorter path may turn more, or slip past an obstacle to a dearer side, so the last one need
+    not be the best.
+
+    Args:
+        p: The problem.
+        path: (MAX_POINTS, 2) the path, m; takes the best version, its bends not split.
+        m: How many points it has.
+        sweeps: How many times at most.
+        scratch: (2, MAX_POINTS, 2) scratch.
+        stack: Scratch.
+
+    Returns:
+        The new count, and J of the best version with its bends split.
     """
     best, best_m, last = np.inf, m, np.inf
     copy_path(path, m, scratch[0])
@@ -211,6 +310,7 @@ def settle(
 
 @njit(cache=True)
 def _turn_at(path: FloatArray, i: int) -> float:
+    """Turn of a path at waypoint i, rad, not signed."""
     ux = path[i, 0] - path[i - 1, 0]
     uy = path[i, 1] - path[i - 1, 1]
     vx = path[i + 1, 0] - path[i, 0]
@@ -220,10 +320,20 @@ def _turn_at(path: FloatArray, i: int) -> float:
 
 @njit(cache=True)
 def split_bends(p: Problem, path: FloatArray, m: int, least_turn: float, stack: FloatArray) -> int:
-    """Cut each corner that turns by more than ``least_turn`` as deep as the clearance allows.
+    """Cut each corner that turns sharply as deep as the clearance allows.
 
-    The cut is isosceles: about a round obstacle it halves the turn evenly, and a polygon of even
-    turns about a circle is the shortest. New count.
+    The cut is isosceles. About a round obstacle it halves the turn evenly, and the shortest polygon
+    about a circle is one of even turns.
+
+    Args:
+        p: The problem.
+        path: (MAX_POINTS, 2) the path, m; changed.
+        m: How many points it has.
+        least_turn: Turn below which a corner is left alone, rad.
+        stack: Scratch.
+
+    Returns:
+        The new count.
     """
     a = np.empty(2)
     b = np.empty(2)

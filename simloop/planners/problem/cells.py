@@ -1,4 +1,8 @@
-"""Geometry of a walk through a distance field: bounds on a segment, and from cell to cell."""
+"""Walking through a distance field: a bound for a segment, and the way from cell to cell.
+
+The border is ``"edge"`` (`simloop.geometry.distance_field`): outside, the field goes on as it is at
+its edge.
+"""
 
 from __future__ import annotations
 
@@ -6,16 +10,23 @@ import math
 
 from numba import njit
 
-FREE_M = 1e3
-"""Clearance reported where the world holds nothing, m."""
+from simloop.geometry.distance_field import FREE_M
 
 
 @njit(cache=True, forceinline=True)
 def lens_bound(a: float, b: float, s: float) -> float:
-    """Least possible clearance on a segment of length s whose ends have clearances a and b.
+    """Return the least clearance that a segment can have, given the clearances of its ends.
 
-    The two discs about the ends hold no obstacle, so the nearest possible one sits where their
-    circles meet; its height over the segment is the bound.
+    The two discs about the ends hold no obstacle, so the nearest possible one lies where their
+    circles meet. Its height above the segment is the bound.
+
+    Args:
+        a: Clearance of one end, m.
+        b: Clearance of the other end, m.
+        s: Length of the segment, m.
+
+    Returns:
+        The bound, m.
     """
     if a + b <= s:
         return 0.0
@@ -27,8 +38,17 @@ def lens_bound(a: float, b: float, s: float) -> float:
 
 @njit(cache=True, forceinline=True)
 def cell_at(u: float, du: float, count: int) -> tuple[int, float, float]:
-    """Index of the cell at u that a step of sign du enters, du as the field sees it (0 outside
-    the grid, where the field is constant), and how far it is to the cell's edge."""
+    """Return the cell that a step enters, along one axis.
+
+    Args:
+        u: Where the step begins, in cells from the first centre.
+        du: Its direction and speed, in cells a metre.
+        count: How many cells the axis has.
+
+    Returns:
+        Index of the cell; du as the field sees it (0 outside the grid, where the field is
+        constant); how far it is to the cell's edge, m.
+    """
     edge = 1e-12 if du > 0.0 else -1e-12
     at = u + edge
     if at < 0.0:

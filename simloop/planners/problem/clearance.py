@@ -1,182 +1,46 @@
-"""How near a path comes to obstacles: among discs in closed form, in a distance field by cells.
+"""How near a segment comes to obstacles: in closed form among discs, by cells in a field.
 
-Every kernel takes both worlds through one flat `Problem`.
+`simloop.planners.problem.flat_problem` has the problem itself and the clearance of a point.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
-import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from simloop.messages import FloatArray, WorldView
-from simloop.planners.problem.cells import FREE_M, cell_at, lens_bound
-from simloop.planners.problem.polygons import flatten_polygons, polygon_clearance
+from simloop.geometry.distance_field import FREE_M
+from simloop.messages import FloatArray
+from simloop.planners.problem.cells import cell_at, lens_bound
+from simloop.planners.problem.flat_problem import (
+    NO_LENGTH_M,
+    PIECE_M,
+    SAFE_WITHIN_M,
+    START_GROWTH,
+    Problem,
+    allowance,
+    make_problem,
+    point_clearance,
+    relaxed_clearance,
+    sample_field,
+)
+from simloop.planners.problem.polygons import polygon_clearance
 
-TOLERANCE_M = 1e-6
-"""What rounding may take from a clearance that counts as safe, m."""
-SAFE_WITHIN_M = 1e-3
-"""A plan called safe keeps the safe distance to this, m."""
-START_GROWTH = 0.5
-"""By how much the clearance asked for grows for each metre away from a start too close, m/m."""
-_WALK_CELLS = 3.0
-_PIECE_M = 0.005
-NO_LENGTH_M = 1e-9
+__all__ = [
+    "NO_LENGTH_M",
+    "SAFE_WITHIN_M",
+    "STACK",
+    "START_GROWTH",
+    "Problem",
+    "make_problem",
+    "point_clearance",
+    "relaxed_clearance",
+    "segment_clearance",
+]
+
+_WALK_CELLS = 3.0  # pieces of a segment no longer than this are walked cell by cell
 STACK = 64
-
-
-class Problem(NamedTuple):
-    """One planning problem in the flat form that the compiled kernels take.
-
-    discs: (3, K) rows x, y, radius, m, empty where field (rows, cols) float32 is not. corners:
-    (N, 3) of convex polygons, see `flatten_polygons`. field_x, field_y: centre of cell (0, 0).
-    low, high: box of the waypoints. start_slack: how much of
-    the safe distance the start itself lacks, m. trials: (1,), how
-    many paths and single segments have been tried so far.
-    """
-
-    discs: FloatArray
-    corners: FloatArray
-    field: NDArray[np.float32]
-    field_x: float
-    field_y: float
-    per_m: float
-    low_x: float
-    low_y: float
-    high_x: float
-    high_y: float
-    start_x: float
-    start_y: float
-    start_yaw: float
-    goal_x: float
-    goal_y: float
-    start_slack: float
-    safe_m: float
-    tolerance_m: float
-    overstated_m: float
-    overhang_m: float
-    length_weight: float
-    turning_weight: float
-    start_turn_weight: float
-    penalty: float
-    trials: NDArray[np.int64]
-
-
-def make_problem(
-    world: WorldView,
-    start: FloatArray,
-    goal: FloatArray,
-    *,
-    safe_m: float,
-    overhang_m: float = 0.0,
-    length_weight: float = 0.65,
-    turning_weight: float = 0.35,
-    start_turn_weight: float = 0.0,
-    penalty: float = 60.0,
-) -> Problem:
-    """Flatten a view and a task. start: (3,) x, y, yaw; goal: (2,); both in map.
-
-    The field is used where the view has one, else the discs. Where the start (or the robot's
-    front as it stands) is closer than ``safe_m`` to something, the clearance asked for begins
-    at what the start has and grows by `START_GROWTH` a metre, so that the robot can leave.
-    """
-    field = np.ascontiguousarray(world.distance_m, dtype=np.float32)
-    discs = np.asarray(world.discs_xyr_m, dtype=np.float64).reshape(-1, 3)
-    # A copy, so that the kernels always see a writable array: another type, else.
-    rows = np.zeros((3, 0)) if field.size else discs.T.copy(order="C")
-    corners = flatten_polygons(() if field.size else world.polygons_m)
-    resolution = world.resolution_m if field.size else 1.0
-    overstated = 0.0
-    if field.size:
-        # Bilinear interpolation overstates the distance to a corner by up to h^2 / (8 d).
-        overstated = resolution**2 / (8.0 * safe_m)
-        safe_m += max(0.0, overstated - 0.9 * SAFE_WITHIN_M)
-    bounds = [float(b) for b in world.bounds_m]
-    problem = Problem(
-        discs=rows,
-        corners=corners,
-        field=field,
-        field_x=float(world.origin_m[0]) + 0.5 * resolution,
-        field_y=float(world.origin_m[1]) + 0.5 * resolution,
-        per_m=1.0 / resolution,
-        low_x=bounds[0],
-        low_y=bounds[1],
-        high_x=bounds[2],
-        high_y=bounds[3],
-        start_x=float(start[0]),
-        start_y=float(start[1]),
-        start_yaw=float(start[2]),
-        goal_x=float(goal[0]),
-        goal_y=float(goal[1]),
-        start_slack=0.0,
-        safe_m=float(safe_m),
-        tolerance_m=TOLERANCE_M,
-        overstated_m=overstated,
-        overhang_m=float(overhang_m),
-        length_weight=float(length_weight),
-        turning_weight=float(turning_weight),
-        start_turn_weight=float(start_turn_weight),
-        penalty=float(penalty),
-        trials=np.zeros(1, np.int64),
-    )
-    ahead_x = problem.start_x + overhang_m * math.cos(problem.start_yaw)
-    ahead_y = problem.start_y + overhang_m * math.sin(problem.start_yaw)
-    here = min(
-        point_clearance(problem, problem.start_x, problem.start_y),
-        point_clearance(problem, ahead_x, ahead_y),
-    )
-    # A hair more than the start lacks, so that rounding (and the pieces in which discs are looked
-    # at) does not make the start itself unsafe.
-    slack = safe_m - here + 1e-6 + START_GROWTH * _PIECE_M if here < safe_m else 0.0
-    return problem._replace(start_slack=slack)
-
-
-@njit(cache=True, forceinline=True)
-def _sample_field(p: Problem, x: float, y: float) -> float:
-    """Bilinear distance at a point; outside the grid, that of the nearest point inside."""
-    rows, cols = p.field.shape
-    u = min(max((x - p.field_x) * p.per_m, 0.0), cols - 1.0)
-    v = min(max((y - p.field_y) * p.per_m, 0.0), rows - 1.0)
-    i = min(int(u), cols - 2) if cols > 1 else 0
-    j = min(int(v), rows - 2) if rows > 1 else 0
-    i1 = min(i + 1, cols - 1)
-    j1 = min(j + 1, rows - 1)
-    a = u - i
-    b = v - j
-    low = p.field[j, i] * (1.0 - a) + p.field[j, i1] * a
-    high = p.field[j1, i] * (1.0 - a) + p.field[j1, i1] * a
-    return low * (1.0 - b) + high * b
-
-
-@njit(cache=True)
-def point_clearance(p: Problem, x: float, y: float) -> float:
-    """Distance from a point to the nearest obstacle's surface, m (negative inside a disc)."""
-    if p.field.size > 0:
-        return _sample_field(p, x, y)
-    clearance = FREE_M
-    for k in range(p.discs.shape[1]):
-        clearance = min(clearance, math.hypot(x - p.discs[0, k], y - p.discs[1, k]) - p.discs[2, k])
-    if p.corners.size > 0:
-        clearance = min(clearance, polygon_clearance(p.corners, x, y, x, y))
-    return clearance
-
-
-@njit(cache=True, forceinline=True)
-def _allowance(p: Problem, x: float, y: float) -> float:
-    """How much less than the safe distance is asked for at a point near a start too close."""
-    if p.start_slack <= 0.0:
-        return 0.0
-    away = math.hypot(x - p.start_x, y - p.start_y) - p.overhang_m
-    return max(0.0, p.start_slack - START_GROWTH * max(0.0, away))
-
-
-@njit(cache=True)
-def relaxed_clearance(p: Problem, x: float, y: float) -> float:
-    """`point_clearance` plus what is not asked for near a start too close, m."""
-    return point_clearance(p, x, y) + _allowance(p, x, y)
+"""Pieces of a segment that may wait at a time."""
 
 
 @njit(cache=True)
@@ -192,7 +56,7 @@ def _walk_cells(
     du = ux * p.per_m
     dv = uy * p.per_m
     t = first
-    allowed = _allowance(p, ax + ux * t, ay + uy * t)
+    allowed = allowance(p, ax + ux * t, ay + uy * t)
     while True:
         u = (ax + ux * t - p.field_x) * p.per_m
         v = (ay + uy * t - p.field_y) * p.per_m
@@ -212,7 +76,7 @@ def _walk_cells(
         c2 = twist * u_step * v_step
         t += step
         # The allowance is all but straight within a cell: it joins the parabola.
-        allowed_next = _allowance(p, ax + ux * t, ay + uy * t)
+        allowed_next = allowance(p, ax + ux * t, ay + uy * t)
         c0 += allowed
         c1 += (allowed_next - allowed) / step if step > 0.0 else 0.0
         low = min(c0, c0 + step * (c1 + step * c2))
@@ -241,10 +105,10 @@ def _field_clearance(
     settles it. Returns as soon as something below ``floor`` is found.
     """
     length = math.hypot(bx - ax, by - ay)
-    fa = _sample_field(p, ax, ay)
-    fb = _sample_field(p, bx, by)
-    ga = _allowance(p, ax, ay)
-    gb = _allowance(p, bx, by)
+    fa = sample_field(p, ax, ay)
+    fb = sample_field(p, bx, by)
+    ga = allowance(p, ax, ay)
+    gb = allowance(p, bx, by)
     worst = min(fa + ga, fb + gb)
     if length < NO_LENGTH_M or worst < floor:
         return worst
@@ -268,8 +132,8 @@ def _field_clearance(
             stack[top, 0], stack[top, 1], stack[top, 2] = end, fb, gb
             top += 1
             end = 0.5 * (t + end)
-            fb = _sample_field(p, ax + ux * end, ay + uy * end)
-            gb = _allowance(p, ax + ux * end, ay + uy * end)
+            fb = sample_field(p, ax + ux * end, ay + uy * end)
+            gb = allowance(p, ax + ux * end, ay + uy * end)
             worst = min(worst, fb + gb)
             if worst < floor:
                 return worst
@@ -302,8 +166,11 @@ def _disc_clearance(p: Problem, ax: float, ay: float, bx: float, by: float) -> f
 
 @njit(cache=True)
 def _disc_clearance_near_start(p: Problem, ax: float, ay: float, bx: float, by: float) -> float:
-    """`_disc_clearance` with the allowance about a start too close: piece by piece, each
-    piece's allowance that of its worse end (the allowance is concave where it is not zero)."""
+    """`_disc_clearance` with the allowance about a start that is too close, piece by piece.
+
+    Each piece has the allowance of its worse end, because the allowance is concave where it is not
+    zero.
+    """
     length = math.hypot(bx - ax, by - ay)
     radius = p.overhang_m + p.start_slack / START_GROWTH
     dx = p.start_x - ax
@@ -322,13 +189,13 @@ def _disc_clearance_near_start(p: Problem, ax: float, ay: float, bx: float, by: 
         worst = min(worst, _disc_clearance(p, ax, ay, ax + ux * first, ay + uy * first))
     if last < length:
         worst = min(worst, _disc_clearance(p, ax + ux * last, ay + uy * last, bx, by))
-    pieces = 1 + int((last - first) / _PIECE_M)
+    pieces = 1 + int((last - first) / PIECE_M)
     step = (last - first) / pieces
     for k in range(pieces):
         cx = ax + ux * (first + k * step)
         cy = ay + uy * (first + k * step)
         clear = _disc_clearance(p, cx, cy, cx + ux * step, cy + uy * step)
-        spare = min(_allowance(p, cx, cy), _allowance(p, cx + ux * step, cy + uy * step))
+        spare = min(allowance(p, cx, cy), allowance(p, cx + ux * step, cy + uy * step))
         worst = min(worst, clear + spare)
     return worst
 
@@ -344,9 +211,21 @@ def segment_clearance(
     floor: float,
     stack: FloatArray,
 ) -> float:
-    """Clearance of a segment as the objective sees it: overhang and start allowance included.
+    """Return a segment's clearance as the objective sees it, overhang and start allowance included.
 
-    Any value >= ``need`` (about safe_m) means safe. ``floor``: see `_field_clearance`.
+    Args:
+        p: The problem.
+        ax: x of the segment's begin, m.
+        ay: y of the segment's begin, m.
+        bx: x of its end, m.
+        by: y of its end, m.
+        need: Clearance from which on the exact value does not matter (about ``safe_m``), m.
+        floor: Clearance below which the search may stop at the first place found, m.
+        stack: Scratch from `objective.make_stack`.
+
+    Returns:
+        The clearance, m, exact between ``floor`` and ``need``; any value of ``need`` or more means
+        safe.
     """
     if p.overhang_m > 0.0:
         length = math.hypot(bx - ax, by - ay)

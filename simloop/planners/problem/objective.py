@@ -1,11 +1,14 @@
 """The planners' objective: J = w1 S + w2 Theta + sigma sum R over a whole polyline.
 
-Source: Sabiha 2022 (online TLBO), Eqs. 4-5, 12, 16. Three readings differ from print, each on
-purpose. Eq. 6 is a difference of two atan2 and is wrapped to (-pi, pi]. Eq. 8 looks at the
-waypoints only; here the clearance is that of every point of every segment. Eq. 17 needs the
-centres of round obstacles; here R is the intrusion in metres, one term a segment: the safe
-distance minus the segment's clearance, plus a centimetre, where the former is positive. Being
-linear with steps, it is exact: no intrusion, however slight, is worth what it saves.
+Source: Sabiha 2022 (online TLBO), Eqs. 4-5, 12, 16. It differs from print on purpose in three
+places. Eq. 6 is a difference of two atan2 and is wrapped to (-pi, pi]. Eq. 8 judges the waypoints
+only; here the clearance is that of every point of every segment. Eq. 17 needs the centres of round
+obstacles; here R is the intrusion in metres, one term a segment: the safe distance minus the
+segment's clearance, plus a centimetre, where the former is positive. The penalty is linear with
+steps and therefore exact: no intrusion, however slight, is worth what it saves.
+
+J also holds the turn from the robot's heading to the first segment, with a weight of its own
+(``start_turn_weight``).
 """
 
 from __future__ import annotations
@@ -27,7 +30,17 @@ so many metres more: no way back out of a dead end is as dear."""
 
 @njit(cache=True, forceinline=True)
 def length_and_turning(path: FloatArray, m: int) -> tuple[float, float]:
-    """S (Eq. 4) and Theta (Eq. 5, wrapped) of path[:m]; a segment without length has no heading."""
+    """Return S (Eq. 4) and Theta (Eq. 5, wrapped) of a path.
+
+    A segment without length has no heading and is skipped.
+
+    Args:
+        path: (>= m, 2) waypoints, m.
+        m: How many of them count.
+
+    Returns:
+        Length, m, and sum of the turns, rad.
+    """
     length = 0.0
     turning = 0.0
     ux = 0.0
@@ -47,7 +60,16 @@ def length_and_turning(path: FloatArray, m: int) -> tuple[float, float]:
 
 @njit(cache=True)
 def start_turn(p: Problem, path: FloatArray, m: int) -> float:
-    """Angle between the robot's heading and the first segment that has a length, rad."""
+    """Return the angle between the robot's heading and the first segment that has a length.
+
+    Args:
+        p: The problem.
+        path: (>= m, 2) waypoints, m.
+        m: How many of them count.
+
+    Returns:
+        The angle, rad, 0 to pi.
+    """
     for i in range(1, m):
         dx = path[i, 0] - p.start_x
         dy = path[i, 1] - p.start_y
@@ -60,9 +82,17 @@ def start_turn(p: Problem, path: FloatArray, m: int) -> float:
 
 @njit(cache=True, forceinline=True)
 def intrusion(p: Problem, path: FloatArray, m: int, enough: float, stack: FloatArray) -> float:
-    """sum R: each segment's lack of clearance, where it lacks any, m.
+    """Return sum R: what the segments lack in clearance.
 
-    Stops adding once it exceeds ``enough``.
+    Args:
+        p: The problem.
+        path: (>= m, 2) waypoints, m.
+        m: How many of them count.
+        enough: Sum at which adding may stop, m.
+        stack: Scratch from `make_stack`.
+
+    Returns:
+        The sum, m; some value above ``enough`` once it exceeds that.
     """
     total = 0.0
     need = p.safe_m - p.tolerance_m
@@ -82,10 +112,20 @@ def intrusion(p: Problem, path: FloatArray, m: int, enough: float, stack: FloatA
 
 @njit(cache=True, forceinline=True)
 def evaluate(p: Problem, path: FloatArray, m: int, bound: float, stack: FloatArray) -> float:
-    """J of path[:m]; once J is sure to exceed ``bound``, some value above ``bound``.
+    """Return J of a path. Counts as a trial.
 
-    path: (>= m, 2). stack: scratch from `make_stack`. The obstacle term, the dear one, is left
-    out where length and turning alone already lose.
+    The obstacle term is the dear one. It is left out where length and turning alone exceed the
+    bound.
+
+    Args:
+        p: The problem.
+        path: (>= m, 2) waypoints, m.
+        m: How many of them count.
+        bound: Value of J above which the exact one does not matter.
+        stack: Scratch from `make_stack`.
+
+    Returns:
+        J; some value above ``bound`` once it is sure to exceed that.
     """
     p.trials[0] += 1
     length, turning = length_and_turning(path, m)
@@ -98,5 +138,9 @@ def evaluate(p: Problem, path: FloatArray, m: int, bound: float, stack: FloatArr
 
 
 def make_stack() -> FloatArray:
-    """Scratch for `segment_clearance` and `evaluate`."""
+    """Make the scratch that the clearance of a segment needs.
+
+    Returns:
+        (STACK, 3) array; its content means nothing between two calls.
+    """
     return np.zeros((STACK, 3))

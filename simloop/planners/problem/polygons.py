@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from numba import njit
 
+from simloop.geometry.distance_field import FREE_M
 from simloop.messages import FloatArray
-from simloop.planners.problem.cells import FREE_M
 
 _TOUCH_M = 1e-9
 
@@ -17,10 +17,18 @@ _TOUCH_M = 1e-9
 def flatten_polygons(
     polygons: Sequence[FloatArray],
 ) -> FloatArray:
-    """Corners (N, 3) of all polygons, one after the other, each counter-clockwise: x, y, and the
-    row where its polygon ends. One array, for each that a `Problem` holds costs every call.
+    """Put the corners of all polygons into one array, one polygon after the other.
 
-    Raises ValueError where one is not a convex polygon with an area.
+    It is one array because each array that a `Problem` holds costs every call of a kernel.
+
+    Args:
+        polygons: Corners (n, 2) of each polygon, in either sense, m.
+
+    Returns:
+        (N, 3) counter-clockwise: x, y, m, and the row where the corner's polygon ends.
+
+    Raises:
+        ValueError: If one is not a convex polygon with an area.
     """
     turned = []
     for number, polygon in enumerate(polygons):
@@ -49,7 +57,7 @@ def _outline_distance(
     bx: float,
     by: float,
 ) -> float:
-    """Distance of the segment a-b to the edges of polygon [first, last), 0 where it meets one."""
+    """Distance of the segment a-b to the edges of polygon [first, last); 0 where they meet."""
     least = np.inf
     dx, dy = bx - ax, by - ay
     square = dx * dx + dy * dy
@@ -74,7 +82,7 @@ def _outline_distance(
 
 @njit(cache=True)
 def _depth_at(corners: FloatArray, first: int, last: int, x: float, y: float) -> tuple[float, int]:
-    """Signed distance to the nearest of a polygon's edge lines, negative inside; which line."""
+    """Signed distance to the nearest edge line of a polygon, negative inside; and which line."""
     most, which = -np.inf, first
     for i in range(first, last):
         k = i + 1 if i + 1 < last else first
@@ -89,7 +97,7 @@ def _depth_at(corners: FloatArray, first: int, last: int, x: float, y: float) ->
 def _box_apart(
     corners: FloatArray, first: int, last: int, ax: float, ay: float, bx: float, by: float
 ) -> float:
-    """How far at least a segment is from a polygon: the distance of the boxes about them."""
+    """A lower bound for a segment's distance to a polygon: the distance of the boxes about them."""
     low_x, high_x, low_y, high_y = np.inf, -np.inf, np.inf, -np.inf
     for i in range(first, last):
         low_x, high_x = min(low_x, corners[i, 0]), max(high_x, corners[i, 0])
@@ -103,8 +111,10 @@ def _box_apart(
 def _deepest(
     corners: FloatArray, first: int, last: int, ax: float, ay: float, bx: float, by: float
 ) -> float:
-    """Least `_depth_at` along a segment. Depth is convex along it, so that bisection on its slope
-    finds the deepest point."""
+    """Least `_depth_at` along a segment.
+
+    The depth is convex along it, so that bisection on its slope finds the deepest point.
+    """
     low, high = 0.0, 1.0
     for _ in range(50):
         t = 0.5 * (low + high)
@@ -129,8 +139,20 @@ def polygon_clearance(
     by: float,
     most: float = FREE_M,
 ) -> float:
-    """Exact clearance of a segment among the polygons, m, where it is below ``most``, else that;
-    negative where it cuts one: its deepest."""
+    """Return the exact clearance of a segment among polygons.
+
+    Args:
+        corners: (N, 3) from `flatten_polygons`.
+        ax: x of the segment's begin, m.
+        ay: y of the segment's begin, m.
+        bx: x of its end, m.
+        by: y of its end, m.
+        most: Clearance above which the exact value does not matter, m.
+
+    Returns:
+        The clearance, m, ``most`` at most; where the segment cuts a polygon, minus the depth at its
+        deepest point.
+    """
     clearance = most
     first = 0
     while first < corners.shape[0]:

@@ -1,19 +1,18 @@
-"""The step-by-step planners as planners of the closed loop: they walk the view that the robot has.
+"""The step-by-step planners as planners of the closed loop.
 
-Source: Abed, Lutfy & Al-Doori 2022 (AVOA, with the sensing phase), whose rivals are APSO and
-fuzzy-WDO. The robot's map takes the place of the unknown world: a point walks through it from the
-robot to the goal, senses it within reach only, and its trace is the plan. Movers are not
-in the map; see `simloop.planners.reactive.online` for those.
+Source: Abed, Lutfy & Al-Doori 2022 (AVOA with a sensing phase), with its rivals APSO and
+fuzzy-WDO. The robot's map stands for the unknown world: a point moves through it from the robot to
+the goal and senses it only within reach. The trace of the point is the plan. Movers are
+not in the map; `simloop.planners.reactive.online` simulates worlds with movers.
 
-Filled in: a step is a tenth of a metre at the robot's size (.4 safe distances) and it senses
-over twelve safe distances (3.1 m); ten times the straight way is allowed.
+Chosen here: a step is 0.4 safe distances (0.1 m at the robot's size), the sensor's range twelve
+safe distances (3.1 m), and a path of ten times the straight line is allowed.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import ClassVar
 
 import numpy as np
 
@@ -22,47 +21,52 @@ from simloop.planners.metaheuristics.rule_avoa import AfricanVultures
 from simloop.planners.metaheuristics.rule_swarm import AdaptiveSwarm
 from simloop.planners.problem.clearance import Problem
 from simloop.planners.reactive.fuzzy import FuzzySteering
-from simloop.planners.reactive.online import Senses, box_of, kept
-from simloop.planners.reactive.rollout import Walk, WalkingPlanner
-from simloop.planners.reactive.sensing import Look
+from simloop.planners.reactive.online import RangeSensor, motion_box, padded_safe_distance
+from simloop.planners.reactive.rollout import Rollout, RolloutPlanner
+from simloop.planners.reactive.sensing import LocalView
 from simloop.planners.reactive.steering import RuleSteering
-from simloop.planners.reactive.walker import Steering, Walker
+from simloop.planners.reactive.stepper import Steering, Stepper
 from simloop.planners.splitmix import State, make_state
 
 STEP_SAFE, REACH_SAFE = 0.4, 12.0
-_ALLOWED = 10.0
+_ALLOWED_DETOUR = 10.0
 _LEAST_STEPS = 50
-_WAITS = 3
+_MOST_WAITS = 3
 _NO_MOVERS = np.zeros((0, 5))
 
 
-class OnlinePlanner(WalkingPlanner):
-    """A steering of its own for each walk; what does not arrive ends where it came nearest."""
-
-    invariant: ClassVar[tuple[str, ...]] = ("shift", "rotate", "mirror", "scale")
+class OnlinePlanner(RolloutPlanner):
+    """Plans with a new steering each time; a plan that fails ends where the point came nearest."""
 
     def steering(self) -> Steering:
-        """What chooses the headings."""
+        """Make the object that chooses the headings.
+
+        Returns:
+            A new steering without a past.
+        """
         raise NotImplementedError
 
-    def _walker(self, world: WorldView, rng: np.random.Generator) -> Callable[[Problem, int], Walk]:
+    def _make_rollout(
+        self, world: WorldView, rng: np.random.Generator
+    ) -> Callable[[Problem, int], Rollout]:
         state = make_state(rng)
-        return lambda p, attempt: self._walk(p, state)
+        return lambda p, attempt: self._roll_out(p, state)
 
-    def _walk(self, p: Problem, state: State) -> Walk:
-        safe_m, box = kept(p), box_of(p)
+    def _roll_out(self, p: Problem, state: State) -> Rollout:
+        """Step to the goal, until the steps are used up or the point has waited too often."""
+        safe_m, box = padded_safe_distance(p), motion_box(p)
         step_m, reach_m = STEP_SAFE * p.safe_m, REACH_SAFE * p.safe_m
-        senses = Senses(p, reach_m, box, safe_m)
+        sensor = RangeSensor(p, reach_m, box, safe_m)
         here, goal = np.array([p.start_x, p.start_y]), np.array([p.goal_x, p.goal_y])
         left = math.dist(here, goal)
-        walker = Walker(self.steering(), state, math.atan2(*(goal - here)[::-1]))
+        stepper = Stepper(self.steering(), state, math.atan2(*(goal - here)[::-1]))
         path, waits = [here], 0
-        allowed = _LEAST_STEPS + int(_ALLOWED * left / step_m)
-        while left > 0.0 and len(path) <= allowed and waits < _WAITS:
-            points = senses.points(*here)
+        allowed = _LEAST_STEPS + int(_ALLOWED_DETOUR * left / step_m)
+        while left > 0.0 and len(path) <= allowed and waits < _MOST_WAITS:
+            points = sensor.points(*here)
             (x, y), (goal_x, goal_y) = here, goal
-            look = Look(points, _NO_MOVERS, x, y, goal_x, goal_y, safe_m, step_m, reach_m, box)
-            there = walker.step(look, goal)
+            view = LocalView(points, _NO_MOVERS, x, y, goal_x, goal_y, safe_m, step_m, reach_m, box)
+            there = stepper.step(view, goal)
             waits = waits + 1 if np.array_equal(there, here) else 0
             here, left = there, math.dist(there, goal)
             if not waits:
@@ -71,32 +75,46 @@ class OnlinePlanner(WalkingPlanner):
         if left > 0.0:
             nearest = int(np.argmin(np.hypot(*(trace - goal).T)))
             trace = trace[: nearest + 1]
-        return Walk(trace, left == 0.0, walker.evaluations)
+        return Rollout(trace, left == 0.0, stepper.evaluations)
 
 
 class AvoaOnline(OnlinePlanner):
-    """African vultures choose each heading."""
+    """African vultures optimisation chooses each heading."""
 
     name = "avoa_online"
 
     def steering(self) -> Steering:
+        """See `OnlinePlanner.steering`.
+
+        Returns:
+            A steering that searches by AVOA.
+        """
         return RuleSteering(AfricanVultures)
 
 
 class ApsoOnline(OnlinePlanner):
-    """The adaptive swarm does: the rival in four of the paper's five maps."""
+    """The adaptive particle swarm chooses each heading: the rival in maps 2 to 5 of the paper."""
 
     name = "apso_online"
 
     def steering(self) -> Steering:
+        """See `OnlinePlanner.steering`.
+
+        Returns:
+            A steering that searches by APSO.
+        """
         return RuleSteering(AdaptiveSwarm)
 
 
 class FuzzyWdo(OnlinePlanner):
-    """A fuzzy controller does, tuned by wind driven optimisation: the rival in the first map."""
+    """A fuzzy controller, tuned by WDO, chooses each heading: the rival in map 1 of the paper."""
 
     name = "fuzzy_wdo"
-    invariant = ("shift", "rotate", "scale")  # its rules turn left where nothing else decides
 
     def steering(self) -> Steering:
+        """See `OnlinePlanner.steering`.
+
+        Returns:
+            A fuzzy steering with untuned parameters.
+        """
         return FuzzySteering()

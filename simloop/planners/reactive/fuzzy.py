@@ -1,19 +1,20 @@
-"""A fuzzy heading controller whose membership functions wind driven optimisation tunes.
+"""A fuzzy heading controller whose parameters are tuned by wind driven optimisation.
 
-Abed 2022 only names this rival, "Hybrid Fuzzy-WDO" (Pandey & Parhi 2017): a controller with
-singleton outputs from the distances of obstacles in front, at the left and at the right, tuned by
-WDO (Bayraktar 2013). All else is filled in, and is ours:
+Abed 2022 names this rival only ("Hybrid Fuzzy-WDO", Pandey & Parhi 2017): a controller with
+singleton outputs from the distances of obstacles in front, on the left and on the right, tuned by
+WDO (Bayraktar 2013). Everything else was chosen here:
 
 - Inputs: the free range in three sectors (each near or far) and the target's bearing (left, ahead,
-  right): 24 rules. Output: a turn, one of five singletons, by the weighted mean of the rules'
-  outputs.
-- Rules: where the front is far, turn to the target, less so to a near side; where it is near, turn
-  hard to the side that is far, and to the target's if both or neither are.
-- Tuned: where near ends and far begins (front, sides), the bearing that counts as a side, the two
-  sizes of turn. WDO tries controllers by rolling each some steps ahead over what is sensed now,
-  every few steps; the cost is Eq. 5 at the end of the roll and the least clearance on it.
-- The controller's heading is turned to the nearest one that keeps the safe distance for a step, and
-  from what moves for some; where none does, to the one that does so best.
+  right), which gives 24 rules. Output: a turn, one of five singletons, combined by the mean of the
+  rules' outputs, weighted by how far each rule applies.
+- Rules: with a far front, turn towards the target, but less towards a near side. With a near
+  front, turn hard towards the side that is far; if both or neither are, towards the target.
+- Tuned parameters: where near ends and far begins (front, sides), the bearing that counts as a
+  side, and the sizes of the small and the hard turn. Every few steps WDO tries controllers by
+  simulating each some steps ahead over what is sensed now. Their cost is Eq. 5 of Abed 2022 at the
+  end of the simulation, with the least clearance along it.
+- The controller's heading is replaced by the nearest one that keeps the safe distance for a step
+  and avoids the predicted movers. If no heading avoids them, the least threatened is taken.
 """
 
 from __future__ import annotations
@@ -28,47 +29,82 @@ from simloop.planners.metaheuristics.population import Population, minimise
 from simloop.planners.metaheuristics.rule_wdo import WindDriven
 from simloop.planners.reactive.sensing import (
     BEAMS,
-    Look,
+    LocalView,
+    collision_threat,
     free_range,
-    nearest_mover,
-    nearest_point,
-    threat,
+    nearest_mover_distance,
+    nearest_point_distance,
 )
-from simloop.planners.reactive.steering import AGENTS, CLEAR, ITERATIONS, NEAR_GOAL, STRAIGHT
-from simloop.planners.reactive.walker import BLOCKED
+from simloop.planners.reactive.steering import (
+    AGENTS,
+    GOAL_WEIGHT,
+    ITERATIONS,
+    OBSTACLE_WEIGHT,
+    TURN_WEIGHT,
+)
+from simloop.planners.reactive.stepper import BLOCKED_COST
 from simloop.planners.splitmix import State
 
-ROLL_STEPS = 6
+SIMULATED_STEPS = 6
 RETUNE_STEPS = 2
 _SECTOR_RAYS = 5
 _HALF_SECTOR_RAD = 0.5
-_SECTORS_RAD = (1.1, 0.0, -1.1)
-# front near, far (in steps); sides near, far; bearing of a side, rad; small and hard turn, rad
+_SECTORS_RAD = (1.1, 0.0, -1.1)  # middles of the left, front and right sector
+# Parameters of a controller: front near, far (steps); sides near, far (steps); bearing that counts
+# as a side (rad); small turn, hard turn (rad).
 _LOW = np.array([1.0, 3.0, 1.0, 2.0, 0.2, 0.1, 0.5])
 _HIGH = np.array([3.0, 12.0, 2.0, 6.0, 1.2, 1.5, 2.5])
 
 
 @njit(cache=True)
-def sector_range(look: Look, x: float, y: float, middle: float) -> float:
-    """The least free range among the rays of a sector about the direction ``middle``, in steps."""
+def sector_range(view: LocalView, x: float, y: float, middle: float) -> float:
+    """The least free range among the rays of a sector.
+
+    Args:
+        view: What the robot knows.
+        x: Position, m, map frame.
+        y: Position, m, map frame.
+        middle: Direction of the sector's middle, rad, map frame.
+
+    Returns:
+        Free range, in steps.
+    """
     least = np.inf
     for k in range(_SECTOR_RAYS):
         angle = middle + _HALF_SECTOR_RAD * (2.0 * k / (_SECTOR_RAYS - 1) - 1.0)
-        least = min(least, free_range(look, x, y, math.cos(angle), math.sin(angle)))
-    return least / look.step
+        least = min(least, free_range(view, x, y, math.cos(angle), math.sin(angle)))
+    return least / view.step_m
 
 
 @njit(cache=True)
-def far(value: float, low: float, high: float) -> float:
-    """Membership in "far": 0 up to low, 1 from high on; that in "near" is what is left."""
+def far_membership(value: float, low: float, high: float) -> float:
+    """Membership of a range in the fuzzy set "far"; that in "near" is its complement to 1.
+
+    Args:
+        value: Range, in steps.
+        low: Up to this range the membership is 0, in steps.
+        high: From this range on it is 1, in steps; raised to a little over ``low``.
+
+    Returns:
+        Membership, 0 to 1.
+    """
     high = max(high, low + 0.1)
     return min(max((value - low) / (high - low), 0.0), 1.0)
 
 
 @njit(cache=True)
 def rule_turn(left: int, front: int, right: int, side: int) -> int:
-    """Turn of one rule, -2 (hard right) to 2 (hard left). left, front, right: 1 far, 0 near; side:
-    where the target is, 1 left, 0 ahead, -1 right."""
+    """The turn that one rule prescribes.
+
+    Args:
+        left: Left sector: 1 far, 0 near.
+        front: Front sector: 1 far, 0 near.
+        right: Right sector: 1 far, 0 near.
+        side: Where the target is: 1 left, 0 ahead, -1 right.
+
+    Returns:
+        -2 hard right, -1 slightly right, 0 straight, 1 slightly left, 2 hard left.
+    """
     if front:
         if side == 1:
             return 2 if left else 1
@@ -86,54 +122,88 @@ def rule_turn(left: int, front: int, right: int, side: int) -> int:
 
 @njit(cache=True)
 def fuzzy_turn(x: FloatArray, left: float, front: float, right: float, bearing: float) -> float:
-    """Turn, rad, of a controller with parameters x (7,). left, front, right: free ranges in steps;
-    bearing: the target's, off the present heading, rad."""
-    fars = (far(left, x[2], x[3]), far(front, x[0], x[1]), far(right, x[2], x[3]))
+    """The turn that a controller asks for.
+
+    Args:
+        x: (7,) parameters of the controller.
+        left: Free range in the left sector, in steps.
+        front: Free range in the front sector, in steps.
+        right: Free range in the right sector, in steps.
+        bearing: The target's bearing off the present heading, rad.
+
+    Returns:
+        Turn, rad, positive to the left.
+    """
+    fars = (
+        far_membership(left, x[2], x[3]),
+        far_membership(front, x[0], x[1]),
+        far_membership(right, x[2], x[3]),
+    )
     ahead = max(0.0, 1.0 - abs(bearing) / x[4])
     total = 0.0
+    # All 24 rules: each counts by the product of its four memberships, which sum to 1.
     for a in range(2):
         for b in range(2):
             for c in range(2):
-                near = (fars[0] if a else 1.0 - fars[0]) * (fars[1] if b else 1.0 - fars[1])
-                near *= fars[2] if c else 1.0 - fars[2]
+                applies = (fars[0] if a else 1.0 - fars[0]) * (fars[1] if b else 1.0 - fars[1])
+                applies *= fars[2] if c else 1.0 - fars[2]
                 for side in (-1, 0, 1):
                     weight = ahead if side == 0 else (1.0 - ahead if side * bearing > 0.0 else 0.0)
                     turn = rule_turn(a, b, c, side)
                     size = x[5] if abs(turn) == 1 else x[6]
-                    total += near * weight * size * np.sign(turn)
+                    total += applies * weight * size * np.sign(turn)
     return total
 
 
 @njit(cache=True)
-def steer(look: Look, x: FloatArray, at_x: float, at_y: float, heading: float) -> float:
-    """The controller's heading at a place, rad; turned to the nearest one that is free for a step,
-    NaN where none is."""
-    bearing = math.atan2(look.target_y - at_y, look.target_x - at_x) - heading
+def controller_heading(
+    view: LocalView, x: FloatArray, at_x: float, at_y: float, heading: float
+) -> float:
+    """The controller's heading at a position, replaced by the nearest one free for a step.
+
+    Args:
+        view: What the robot knows.
+        x: (7,) parameters of the controller.
+        at_x: Position, m, map frame.
+        at_y: Position, m, map frame.
+        heading: Present heading, rad, map frame.
+
+    Returns:
+        Heading, rad, map frame; NaN if none is free.
+    """
+    bearing = math.atan2(view.target_y - at_y, view.target_x - at_x) - heading
     bearing = (bearing + math.pi) % (2.0 * math.pi) - math.pi
-    left = sector_range(look, at_x, at_y, heading + _SECTORS_RAD[0])
-    front = sector_range(look, at_x, at_y, heading + _SECTORS_RAD[1])
-    right = sector_range(look, at_x, at_y, heading + _SECTORS_RAD[2])
+    left = sector_range(view, at_x, at_y, heading + _SECTORS_RAD[0])
+    front = sector_range(view, at_x, at_y, heading + _SECTORS_RAD[1])
+    right = sector_range(view, at_x, at_y, heading + _SECTORS_RAD[2])
     asked = heading + fuzzy_turn(x, left, front, right, bearing)
     for k in range(BEAMS // 2):
         for side in (1.0, -1.0):
             angle = asked + side * 2.0 * math.pi * k / BEAMS
             ux, uy = math.cos(angle), math.sin(angle)
-            if free_range(look, at_x, at_y, ux, uy) >= look.step:
+            if free_range(view, at_x, at_y, ux, uy) >= view.step_m:
                 return angle
     return np.nan
 
 
 @njit(cache=True)
-def evade(look: Look, asked: float) -> float:
-    """The heading nearest to ``asked``, rad, that is free for a step and meets nothing that moves;
-    where all would, the one that is least threatened."""
+def evasive_heading(view: LocalView, asked: float) -> float:
+    """The free heading nearest to the one asked for that meets no mover.
+
+    Args:
+        view: What the robot knows.
+        asked: Heading that the controller asks for, rad, map frame.
+
+    Returns:
+        Heading, rad, map frame; if every free heading meets a mover, the least threatened one.
+    """
     least, best = np.inf, asked
     for k in range(BEAMS // 2):
         for side in (1.0, -1.0):
             angle = asked + side * 2.0 * math.pi * k / BEAMS
             ux, uy = math.cos(angle), math.sin(angle)
-            if free_range(look, look.x, look.y, ux, uy) >= look.step:
-                danger = threat(look, look.step * ux, look.step * uy)
+            if free_range(view, view.x, view.y, ux, uy) >= view.step_m:
+                danger = collision_threat(view, view.step_m * ux, view.step_m * uy)
                 if danger < least:
                     least, best = danger, angle
                 if danger == 0.0:
@@ -142,63 +212,104 @@ def evade(look: Look, asked: float) -> float:
 
 
 @njit(cache=True)
-def roll_cost(look: Look, x: FloatArray, heading: float) -> float:
-    """Eq. 5 of a controller (7,) after `ROLL_STEPS` steps over what is sensed now."""
-    at_x, at_y, turned, near = look.x, look.y, 0.0, look.reach
+def controller_cost(view: LocalView, x: FloatArray, heading: float) -> float:
+    """Cost of a controller after `SIMULATED_STEPS` steps over what is sensed now.
+
+    The cost is Eq. 5 of Abed 2022: distance to the target at the end, least clearance and summed
+    turning along the simulated path.
+
+    Args:
+        view: What the robot knows.
+        x: (7,) parameters of the controller.
+        heading: Present heading, rad, map frame.
+
+    Returns:
+        Cost, without unit.
+    """
+    at_x, at_y, turned, nearest = view.x, view.y, 0.0, view.reach_m
     danger = 0.0
-    for n in range(ROLL_STEPS):
-        angle = steer(look, x, at_x, at_y, heading)
+    for n in range(SIMULATED_STEPS):
+        angle = controller_heading(view, x, at_x, at_y, heading)
         if not math.isfinite(angle):
-            return 2.0 * BLOCKED
+            return 2.0 * BLOCKED_COST
+        # Movers are predicted from now on, so only the first step can be checked against them.
         if n == 0:
-            danger = threat(look, look.step * math.cos(angle), look.step * math.sin(angle))
+            vx, vy = view.step_m * math.cos(angle), view.step_m * math.sin(angle)
+            danger = collision_threat(view, vx, vy)
         turned += abs((angle - heading + math.pi) % (2.0 * math.pi) - math.pi)
         heading = angle
-        at_x += look.step * math.cos(angle)
-        at_y += look.step * math.sin(angle)
-        near = min(near, nearest_point(look, at_x, at_y), nearest_mover(look, at_x, at_y))
-        if math.hypot(look.target_x - at_x, look.target_y - at_y) < look.step:
+        at_x += view.step_m * math.cos(angle)
+        at_y += view.step_m * math.sin(angle)
+        nearest = min(
+            nearest,
+            nearest_point_distance(view, at_x, at_y),
+            nearest_mover_distance(view, at_x, at_y),
+        )
+        if math.hypot(view.target_x - at_x, view.target_y - at_y) < view.step_m:
             break
-    left = math.hypot(look.target_x - at_x, look.target_y - at_y) / look.step
-    cost = NEAR_GOAL * left + CLEAR * look.safe / max(near, 1e-3 * look.safe) + STRAIGHT * turned
-    return cost + BLOCKED * danger
+    left = math.hypot(view.target_x - at_x, view.target_y - at_y) / view.step_m
+    cost = (
+        GOAL_WEIGHT * left
+        + OBSTACLE_WEIGHT * view.safe_m / max(nearest, 1e-3 * view.safe_m)
+        + TURN_WEIGHT * turned
+    )
+    return cost + BLOCKED_COST * danger
 
 
 @njit(cache=True)
-def roll_costs(look: Look, x: FloatArray, heading: float, out: FloatArray) -> None:
-    """Costs (n,) of controllers (n, 7)."""
+def controller_costs(view: LocalView, x: FloatArray, heading: float, out: FloatArray) -> None:
+    """Costs of several controllers.
+
+    Args:
+        view: What the robot knows.
+        x: (n, 7) parameters of the controllers.
+        heading: Present heading, rad, map frame.
+        out: (n,) takes the costs.
+    """
     for k in range(x.shape[0]):
-        out[k] = roll_cost(look, x[k], heading)
+        out[k] = controller_cost(view, x[k], heading)
 
 
-class _Controllers:
-    """An `Objective`: the controllers' parameters, (7,)."""
+class _ControllerObjective:
+    """An `Objective` over a controller's seven parameters."""
 
-    def __init__(self, look: Look, heading: float) -> None:
-        self._look, self._heading = look, heading
+    def __init__(self, view: LocalView, heading: float) -> None:
+        self._view, self._heading = view, heading
         self.low, self.high = _LOW, _HIGH
 
     def costs(self, x: FloatArray, out: FloatArray, bounds: FloatArray) -> None:
-        roll_costs(self._look, x, self._heading, out)
+        controller_costs(self._view, x, self._heading, out)
 
 
 class FuzzySteering:
-    """Keeps `simloop.planners.reactive.walker.Steering`."""
+    """A `Steering` that asks a fuzzy controller and tunes it again every few steps."""
 
     def __init__(self) -> None:
         self.evaluations = 0
         self._tuned = 0.5 * (_LOW + _HIGH)
         self._age = 0
 
-    def heading(self, look: Look, heading: float, state: State) -> float:
-        """Tune, now and then (the controller in use competes), and ask the controller."""
-        if self._age % RETUNE_STEPS == 0 or len(look.movers):
-            objective = _Controllers(look, heading)
+    def heading(self, view: LocalView, heading: float, state: State) -> float:
+        """Tune the controller if it is time to, then ask it for a heading.
+
+        The controller in use takes part in the tuning, so that it is only replaced by a better
+        one. Near movers it is tuned in every step.
+
+        Args:
+            view: What the robot knows.
+            heading: The robot's present heading, rad, map frame.
+            state: (1,) random state, advanced.
+
+        Returns:
+            Heading, rad, map frame.
+        """
+        if self._age % RETUNE_STEPS == 0 or len(view.movers):
+            objective = _ControllerObjective(view, heading)
             population = Population(objective, AGENTS, AGENTS * (1 + ITERATIONS), state)
             minimise(WindDriven(), population, self._tuned[None])
             self._tuned = population.best_x.copy()
             self.evaluations += population.spent
         self._age += 1
-        angle = steer(look, self._tuned, look.x, look.y, heading)
+        angle = controller_heading(view, self._tuned, view.x, view.y, heading)
         angle = angle if math.isfinite(angle) else heading
-        return evade(look, angle) if len(look.movers) else angle
+        return evasive_heading(view, angle) if len(view.movers) else angle

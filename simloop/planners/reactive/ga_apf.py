@@ -1,26 +1,29 @@
-"""The potential field whose attraction a genetic algorithm deforms.
+"""A potential field whose attraction is deformed by a genetic algorithm.
 
-Source: Mohamed & Abbas 2012. Obstacles that stand on the direct line from start to goal are
-frontal, one gene each: an angle in [-pi/2, pi/2] by which the attraction is turned until the point
-has crossed that obstacle's frontal line, the perpendicular to the direct line through its centre.
-The point moves by Euler steps of H = share x d, d being the distance to the nearest obstacle. The
-genetic algorithm is a steady state one: each generation the worst are discarded and replaced by
-offspring of tournament winners.
+Source: Mohamed & Abbas 2012. Obstacles on the direct line from start to goal are "frontal"; each
+has one gene, an angle in [-pi/2, pi/2] that turns the attraction (Eq. 8) until the point has
+crossed that obstacle's frontal line, the perpendicular to the direct line through its centre. The
+point moves by Euler steps (Eq. 16) of size H = share x d (Eq. 17), where d is the distance to the
+nearest obstacle. The genetic algorithm is of the steady-state type: in each generation the worst
+chromosomes are discarded and replaced by offspring of tournament winners.
 
-Read differently than printed:
-- Eqs. 15-16 as printed move away from the goal and into obstacles, for Eqs. 5 and 14 already hold
-  the forces and not the gradients; the step is H x (Eq. 8 + Eq. 14).
-Filled in, for the text leaves it open:
-- epsilon (said to be .001 to .1) is .03, in units of a hundredth of the direct line (their maps are
-  60 to 120 wide); the share is .5, the largest that does not oscillate; no step is longer than .9
-  d, so that none ends in an obstacle; the last one ends at the goal, if the way there is free.
-- mu of Eq. 18 is 10; half of the population is discarded; of the offspring 16 in 17 come from
-  crossover, the rest from mutation (the rates are .8 and .05); a chromosome that is alone in its
-  length 1 is not crossed. It ends when ``idle_generations`` bring less than 1e-4, or at the budget.
-- The adjacent distance is twice the largest radius; a path that leaves that strip is not valid.
-  Where no valid path is found it is doubled (the text: "twice (or more)"), up to three times.
+Differs from the print: Eqs. 15 and 16 as printed move away from the goal and into obstacles,
+because Eqs. 5 and 14 already give the forces and not the gradients. The step here is
+H x (Eq. 8 + Eq. 14).
+
+Chosen here, because the paper leaves it open:
+- epsilon of Eq. 13 (printed: 0.001 to 0.1) is 0.03, where the unit of length is a hundredth of the
+  direct line (the paper's direct lines are 20 to 93 long). The share of Eq. 17 is 0.5, the
+  largest that does not oscillate. No step is longer than 0.9 d, so that none ends in an
+  obstacle. The last step ends at the goal if the way there is free.
+- mu of Eq. 18 is 10. Half of the population is discarded. 16 in 17 offspring come from crossover,
+  the rest from mutation (printed rates: 0.8 and 0.05). Chromosomes of a single gene are not
+  crossed. The search ends when ``idle_generations`` in a row improve by less than 1e-4, or at the
+  budget.
+- The adjacent distance is twice the largest radius; a path that leaves that strip is invalid. If
+  no valid path is found, the distance is doubled (the paper: "twice (or more)"), up to three times.
 - Radii are grown by the safe distance. Among polygons and in a distance field the nearest surface
-  repels; frontal obstacles are the view's discs, or circles about the field's.
+  repels; frontal obstacles are then the view's discs, or circles about the field's obstacles.
 """
 
 from __future__ import annotations
@@ -37,7 +40,12 @@ from simloop.geometry.discs import discs_of
 from simloop.messages import FloatArray, WorldView
 from simloop.planners.problem.account import lack_of
 from simloop.planners.problem.clearance import Problem
-from simloop.planners.reactive.rollout import Walk, WalkingPlanner, inside_bounds, surface
+from simloop.planners.reactive.rollout import (
+    Rollout,
+    RolloutPlanner,
+    inside_bounds,
+    nearest_surface,
+)
 from simloop.planners.splitmix import State, below, make_state, uniform
 
 POPULATION = 50
@@ -45,22 +53,30 @@ TOURNAMENT = 3
 CROSSOVER, MUTATION = 0.8, 0.05
 DISCARDED = 0.5
 EPSILON = 0.03
+"""epsilon of Eq. 13, in squared hundredths of the direct line."""
 STEP_SHARE = 0.5
+"""The share of Eq. 17, printed as a partial sign."""
 MU = 10.0
+"""mu of Eq. 18: weight of the distance to the goal in an invalid path."""
 _MOST_OF_GAP = 0.9
 _MOST_STEPS = 4000
-_STILL_STEPS = 64  # who comes nowhere in so many steps stays where the forces cancel
+_STILL_STEPS = 64  # without progress over so many steps, the forces cancel
 _TOLERANCE = 1e-4
 _WIDENINGS = 3
 _UNITS = 100.0
-_LEAST_UNITS = 5.0  # of a safe distance: near the goal the field does not shrink with the way left
+_LEAST_UNITS = 5.0  # safe distances: for a goal nearer than this the unit shrinks no further
+_FINALISTS = 12
 
 
 class Classes(NamedTuple):
-    """Obstacles sorted by what they mean for the direct line.
+    """Obstacles classified by their distance from the direct line (Mohamed 2012, Section V.1a).
 
-    along: (F,) where along the direct line, m, the frontal lines cross it, ascending. frontal,
-    adjacent: (K,) bool. adjacent_m: half width of the strip that holds the adjacent ones.
+    Attributes:
+        along: (F,) distances from the start at which the frontal lines cross the direct line, m,
+            ascending.
+        frontal: (K,) which discs are frontal.
+        adjacent: (K,) which discs are adjacent.
+        adjacent_m: Half width of the strip that holds the adjacent discs, m.
     """
 
     along: FloatArray
@@ -72,7 +88,18 @@ class Classes(NamedTuple):
 def classify(
     discs: FloatArray, start: FloatArray, goal: FloatArray, safe_m: float, widen: float = 1.0
 ) -> Classes:
-    """Frontal, adjacent and (all others) unrelated discs (K, 3), grown by ``safe_m``."""
+    """Classify discs as frontal, adjacent or, for all others, unrelated.
+
+    Args:
+        discs: (K, 3) x, y, radius, m, map frame.
+        start: (>= 2,) x, y of the start, m, map frame.
+        goal: (>= 2,) x, y of the goal, m, map frame.
+        safe_m: Safe distance by which the radii grow, m.
+        widen: Factor on the adjacent distance.
+
+    Returns:
+        The classes.
+    """
     line = np.asarray(goal, dtype=np.float64)[:2] - np.asarray(start, dtype=np.float64)[:2]
     reach = float(np.hypot(*line))
     ux, uy = line / reach if reach > 0.0 else (1.0, 0.0)
@@ -81,6 +108,7 @@ def classify(
     radius = discs[:, 2] + safe_m
     between = (along > 0.0) & (along < reach)
     crossed = between & (across <= radius)
+    # Frontal too: discs no farther off than the radius of the largest one on the line.
     largest = radius[crossed].max(initial=0.0)
     frontal = between & ((across <= radius) | (across <= largest)) if largest > 0.0 else crossed
     adjacent_m = widen * 2.0 * float(radius.max(initial=safe_m))
@@ -89,7 +117,14 @@ def classify(
 
 
 class Field(NamedTuple):
-    """What a path is rolled out in. epsilon, m^2; strip: the adjacent distance, m."""
+    """The force field that a point follows.
+
+    Attributes:
+        p: The planning problem, with the obstacles that repel.
+        along: (F,) where the frontal lines cross the direct line, m from the start.
+        epsilon: Strength of the repulsion (Eq. 13), m^2.
+        strip: Largest distance from the direct line, m.
+    """
 
     p: Problem
     along: FloatArray
@@ -99,8 +134,18 @@ class Field(NamedTuple):
 
 @njit(cache=True)
 def roll_out(f: Field, genes: FloatArray, path: FloatArray) -> tuple[int, float, bool]:
-    """Eqs. 4-17: the path (n, 2) of a chromosome (F,); its count of points, length, and whether
-    it ends at the goal. One that leaves the strip or the bounds ends there."""
+    """Follow the field that a chromosome deforms (Mohamed 2012, Eqs. 4-17).
+
+    A path that leaves the strip or the bounds ends there.
+
+    Args:
+        f: The field.
+        genes: (F,) turns of the attraction, rad, one for each frontal obstacle.
+        path: (n, 2) takes the points, m, map frame.
+
+    Returns:
+        How many points were written, the path's length, m, and whether it ends at the goal.
+    """
     p = f.p
     dx, dy = p.goal_x - p.start_x, p.goal_y - p.start_y
     reach = math.hypot(dx, dy)
@@ -110,20 +155,24 @@ def roll_out(f: Field, genes: FloatArray, path: FloatArray) -> tuple[int, float,
     for n in range(1, path.shape[0]):
         gx, gy = p.goal_x - x, p.goal_y - y
         left = math.hypot(gx, gy)
-        gap, nx, ny = surface(p, x, y)
+        gap, nx, ny = nearest_surface(p, x, y)
+        # The goal is nearer than any obstacle: the straight way there is free.
         if left <= gap or left < 1e-9:
             path[n, 0], path[n, 1] = p.goal_x, p.goal_y
             return n + 1, length + left, True
         gap = max(gap, 1e-3 * p.safe_m)
         s = ux * (x - p.start_x) + uy * (y - p.start_y)
+        # The gene of the next frontal line applies; beyond the last one nothing is deformed.
         turn = 0.0
         for j in range(f.along.size):
             if s < f.along[j]:
                 turn = genes[j]
                 break
+        # Attraction of unit size (Eqs. 7, 8) plus repulsion from the nearest surface (Eq. 14).
         theta = math.atan2(gy, gx) + turn
         push = f.epsilon / (gap * gap)
         fx, fy = math.cos(theta) + push * nx, math.sin(theta) + push * ny
+        # Eq. 17, shortened so that the step does not end in the obstacle.
         step = STEP_SHARE * gap
         size = step * math.hypot(fx, fy)
         if size > _MOST_OF_GAP * gap:
@@ -143,7 +192,16 @@ def roll_out(f: Field, genes: FloatArray, path: FloatArray) -> tuple[int, float,
 
 @njit(cache=True)
 def fitness(f: Field, genes: FloatArray, path: FloatArray) -> float:
-    """Eq. 18: the inverse of the length; of length and mu x what is left, where it fails."""
+    """Fitness of a chromosome (Mohamed 2012, Eq. 18); counts one trial.
+
+    Args:
+        f: The field.
+        genes: (F,) turns of the attraction, rad.
+        path: (n, 2) scratch for the points.
+
+    Returns:
+        1 / length of a valid path; 1 / (length + mu x distance left) of an invalid one, 1/m.
+    """
     f.p.trials[0] += 1
     n, length, reached = roll_out(f, genes, path)
     if not reached:
@@ -154,7 +212,16 @@ def fitness(f: Field, genes: FloatArray, path: FloatArray) -> float:
 
 @njit(cache=True)
 def tournament(fit: FloatArray, count: int, state: State) -> int:
-    """The fittest of three of the first ``count``, drawn uniformly."""
+    """Draw `TOURNAMENT` chromosomes uniformly, with replacement, and pick the fittest.
+
+    Args:
+        fit: (n,) fitness.
+        count: Only the first so many take part.
+        state: (1,) random state, advanced.
+
+    Returns:
+        Index of the winner.
+    """
     best = below(state, count)
     for _ in range(TOURNAMENT - 1):
         k = below(state, count)
@@ -165,11 +232,19 @@ def tournament(fit: FloatArray, count: int, state: State) -> int:
 
 @njit(cache=True)
 def breed(genes: FloatArray, fit: FloatArray, kept: int, state: State) -> None:
-    """Fill the rows from ``kept`` on with offspring of the others."""
+    """Replace the discarded chromosomes by offspring of the kept ones.
+
+    Args:
+        genes: (n, F) population, rad; the rows from ``kept`` on are overwritten.
+        fit: (n,) fitness.
+        kept: Number of chromosomes that stay.
+        state: (1,) random state, advanced.
+    """
     size, count = genes.shape
     row = kept
     while row < size:
         if count > 1 and uniform(state) * (CROSSOVER + MUTATION) < CROSSOVER:
+            # One-point crossover: two parents, two children with the tails swapped.
             a, b = tournament(fit, kept, state), tournament(fit, kept, state)
             cut = 1 + below(state, count - 1)
             for first, second in ((a, b), (b, a)):
@@ -178,6 +253,7 @@ def breed(genes: FloatArray, fit: FloatArray, kept: int, state: State) -> None:
                         genes[row, j] = genes[first, j] if j < cut else genes[second, j]
                     row += 1
         else:
+            # Mutation: one gene of a copied winner is drawn anew.
             a = tournament(fit, kept, state)
             for j in range(count):
                 genes[row, j] = genes[a, j]
@@ -195,8 +271,20 @@ def evolve(
     path: FloatArray,
     state: State,
 ) -> int:
-    """Steady-state genetic algorithm; genes (n, F) and fit (n,) end sorted, the fittest first.
-    How many generations; ``budget`` counts roll-outs."""
+    """Run the steady-state genetic algorithm from a random population.
+
+    Args:
+        f: The field.
+        genes: (n, F) takes the last population, rad, the fittest first.
+        fit: (n,) takes its fitness, 1/m.
+        idle_limit: Generations without improvement after which the search ends.
+        budget: Largest number of fitness evaluations.
+        path: (m, 2) scratch for the points.
+        state: (1,) random state, advanced.
+
+    Returns:
+        Number of generations after the first.
+    """
     size, count = genes.shape
     for k in range(size):
         for j in range(count):
@@ -220,29 +308,30 @@ def evolve(
     return generations
 
 
-class GaApf(WalkingPlanner):
-    """The field of a view's discs, deformed anew for each plan."""
+class GaApf(RolloutPlanner):
+    """Deforms the field of the view's discs anew for each plan."""
 
     name = "ga_apf"
-    invariant = ("shift", "rotate", "mirror", "scale")
 
     def __init__(self, config: PlannerConfig, vehicle: VehicleConfig) -> None:
         super().__init__(config, vehicle)
         self._path = np.zeros((_MOST_STEPS, 2))
 
-    def _walker(self, world: WorldView, rng: np.random.Generator) -> Callable[[Problem, int], Walk]:
+    def _make_rollout(
+        self, world: WorldView, rng: np.random.Generator
+    ) -> Callable[[Problem, int], Rollout]:
         discs, state = _discs(world), make_state(rng)
         return lambda p, attempt: self._search(p, discs, state)
 
-    def _search(self, p: Problem, discs: FloatArray, state: State) -> Walk:
-        """Evolve in the strip, and in wider ones as long as nothing gets to the goal safely."""
+    def _search(self, p: Problem, discs: FloatArray, state: State) -> Rollout:
+        """Evolve in the strip, and in wider ones as long as no path reaches the goal safely."""
         start, goal = np.array([p.start_x, p.start_y]), np.array([p.goal_x, p.goal_y])
         reach = math.dist(start, goal)
         if reach < 1e-9:
-            return Walk(np.vstack([start, goal]), True, 0)
+            return Rollout(np.vstack([start, goal]), True, 0)
         unit = max(reach, _LEAST_UNITS * p.safe_m) / _UNITS
         before, generations = int(p.trials[0]), 0
-        done = Walk(start[None], False, 0)
+        done = Rollout(start[None], False, 0)
         for widening in range(1 + _WIDENINGS):
             found = classify(discs, start, goal, p.safe_m, 2.0**widening)
             field = Field(
@@ -260,21 +349,21 @@ class GaApf(WalkingPlanner):
                 break
         return done._replace(evaluations=int(p.trials[0]) - before, generations=generations)
 
-    def _fittest(self, field: Field, p: Problem, genes: FloatArray) -> Walk:
+    def _fittest(self, field: Field, p: Problem, genes: FloatArray) -> Rollout:
         """The fittest chromosome whose whole path is safe, else the fittest."""
-        walks = []
-        for row in genes[:12]:
+        rollouts = []
+        for row in genes[:_FINALISTS]:
             count, _, reached = roll_out(field, row, self._path)
-            walks.append(Walk(self._path[:count].copy(), reached, 0))
-        shown = tuple(walk.path for walk in walks)
-        for walk in walks:
-            if walk.reached and lack_of(p, walk.path) == 0.0:
-                return walk._replace(candidates=shown)
-        return walks[0]._replace(candidates=shown)
+            rollouts.append(Rollout(self._path[:count].copy(), reached, 0))
+        shown = tuple(one.path for one in rollouts)
+        for one in rollouts:
+            if one.reached and lack_of(p, one.path) == 0.0:
+                return one._replace(candidates=shown)
+        return rollouts[0]._replace(candidates=shown)
 
 
 def _discs(world: WorldView) -> FloatArray:
-    """The view's discs (K, 3); where it has a distance field alone, circles about what it holds."""
+    """The view's discs (K, 3); if it has a distance field only, circles about its obstacles."""
     discs = np.asarray(world.discs_xyr_m, dtype=np.float64).reshape(-1, 3)
     if len(discs) or not world.distance_m.size:
         return discs
@@ -282,7 +371,7 @@ def _discs(world: WorldView) -> FloatArray:
 
 
 def _among(p: Problem, discs: FloatArray, keep: np.ndarray) -> Problem:
-    """The problem with the adjacent discs alone; in a distance field there is nothing to leave."""
+    """The problem with only the adjacent discs; a distance field stays as it is."""
     if p.field.size or len(discs) != p.discs.shape[1]:
         return p
     return p._replace(discs=np.ascontiguousarray(discs[keep].T))

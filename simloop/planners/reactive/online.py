@@ -1,10 +1,10 @@
-"""A world that a point robot learns of only by sensing, for the planners that decide step by step.
+"""Simulation of a point robot in a world that it knows only by sensing.
 
-Source: Abed 2022, Section 3: unknown fixed obstacles, obstacles that move, a goal that moves. What
-stands fixed is what a `WorldView` can hold (discs, convex polygons, a distance field). Movers are
-discs on a closed polyline, and so is a moving goal; both know nothing of the robot and do not stop
-for it. A mover is sensed where any of it is within reach and no fixed obstacle hides its middle;
-its velocity is what the robot makes of the last two places at which it saw it.
+Source: Abed 2022, Section 3: unknown fixed obstacles, moving obstacles, a moving goal. The fixed
+part is what a `WorldView` can hold (discs, convex polygons, a distance field). Movers are discs
+that go to and fro on a polyline, and so is a moving goal; neither reacts to the robot. A mover is
+sensed while any part of it is within reach and no fixed obstacle lies in front of its centre. The
+robot estimates its velocity from the last two positions at which it sensed it.
 """
 
 from __future__ import annotations
@@ -17,29 +17,41 @@ import numpy as np
 
 from simloop.messages import FloatArray, WorldView
 from simloop.planners.problem.clearance import Problem, make_problem, point_clearance
-from simloop.planners.reactive.sensing import BEAMS, Look, cast, scan
-from simloop.planners.reactive.walker import Steering, Walker
+from simloop.planners.reactive.sensing import BEAMS, LocalView, cast_ray, scan
+from simloop.planners.reactive.stepper import Steering, Stepper
 from simloop.planners.splitmix import make_state
 
 _MARGIN_SHARE, _MARGIN_CELLS = 1.03, 0.2
+_SUBSTEPS = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Track:
-    """A place that moves to and fro along a polyline (n, 2), m; speed: m a step. One point: at
-    rest."""
+class MovingPoint:
+    """A point that moves to and fro along a polyline at a constant speed.
+
+    Attributes:
+        points_m: (n, 2) corners of the polyline, m, map frame; one point: at rest.
+        speed_m: Distance covered in one step, m.
+    """
 
     points_m: FloatArray
-    speed: float = 0.0
+    speed_m: float = 0.0
 
     def at(self, step: float) -> FloatArray:
-        """Where it is after so many steps, (2,)."""
+        """Position after some steps.
+
+        Args:
+            step: Number of steps since the start; fractions are allowed.
+
+        Returns:
+            (2,) position, m, map frame.
+        """
         points = np.asarray(self.points_m, dtype=np.float64).reshape(-1, 2)
         legs = np.hypot(*np.diff(points, axis=0).T)
         total = float(legs.sum())
-        if total <= 0.0 or self.speed <= 0.0:
+        if total <= 0.0 or self.speed_m <= 0.0:
             return points[0]
-        s = (step * self.speed) % (2.0 * total)
+        s = (step * self.speed_m) % (2.0 * total)
         s = 2.0 * total - s if s > total else s
         arc = np.concatenate([[0.0], np.cumsum(legs)])
         return np.array([np.interp(s, arc, points[:, i]) for i in range(2)])
@@ -47,21 +59,38 @@ class Track:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mover:
-    """A disc that moves."""
+    """A disc that moves.
 
-    track: Track
+    Attributes:
+        track: Motion of its centre.
+        radius_m: Radius, m.
+    """
+
+    track: MovingPoint
     radius_m: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OnlineWorld:
-    """fixed: what does not move, and the bounds. radius_m: the robot's; safe_m: what it shall keep
-    of everything (>= radius_m); step_m: what it goes in a step; reach_m: how far it senses."""
+    """A world to be crossed step by step, with the robot's data.
+
+    Attributes:
+        name: Name of the scene.
+        fixed: Fixed obstacles and the bounds.
+        start: (3,) robot's first pose x, y, yaw, m and rad, map frame; yaw is not used.
+        goal: Motion of the goal.
+        movers: Moving obstacles.
+        radius_m: Robot's radius, m.
+        safe_m: Distance that its centre keeps from everything, m; at least ``radius_m``.
+        step_m: Length of one step, m.
+        reach_m: Range of its sensor, m.
+        most_steps: After so many steps the run ends.
+    """
 
     name: str
     fixed: WorldView
     start: FloatArray
-    goal: Track
+    goal: MovingPoint
     movers: tuple[Mover, ...] = ()
     radius_m: float = 0.5
     safe_m: float = 0.6
@@ -72,8 +101,15 @@ class OnlineWorld:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """points_m: (steps + 1, 2). reached: stood at the goal. collisions: steps in which the robot's
-    disc touched something. clearance_m: the least distance of its centre from any surface."""
+    """The result of one run.
+
+    Attributes:
+        points_m: (steps + 1, 2) robot's positions, m, map frame.
+        reached: Whether the robot stood at the goal at the end.
+        collisions: Number of steps in which the robot's disc touched something.
+        clearance_m: Least distance of its centre from any surface, m.
+        evaluations: Headings (or controllers) evaluated.
+    """
 
     points_m: FloatArray
     reached: bool
@@ -83,38 +119,64 @@ class Trajectory:
 
     @property
     def steps(self) -> int:
-        """How many steps it took."""
+        """Number of steps."""
         return len(self.points_m) - 1
 
     @property
     def length_m(self) -> float:
-        """How long its way was."""
+        """Length of the path, m."""
         return float(np.hypot(*np.diff(self.points_m, axis=0).T).sum())
 
     @property
     def success(self) -> bool:
-        """Reached, and nothing touched."""
+        """Whether the robot reached the goal and touched nothing."""
         return self.reached and self.collisions == 0
 
 
 @dataclass(slots=True)
-class Senses:
-    """Casts rays, and remembers where movers were seen last."""
+class RangeSensor:
+    """Senses fixed surfaces and movers, and remembers where each mover was sensed last.
+
+    Attributes:
+        problem: Holds the fixed obstacles.
+        reach_m: Range, m.
+        box: (4,) x_min, y_min, x_max, y_max that the robot's centre keeps to, m, map frame.
+        safe_m: Distance of the outer walls about the box, m.
+        last_seen: Number of a mover -> step and position (2,), m, at which it was sensed last.
+    """
 
     problem: Problem
     reach_m: float
     box: FloatArray
     safe_m: float
-    seen: dict[int, tuple[int, FloatArray]] = field(default_factory=dict)
+    last_seen: dict[int, tuple[int, FloatArray]] = field(default_factory=dict)
     _points: FloatArray = field(default_factory=lambda: np.zeros((BEAMS, 2)))
 
     def points(self, x: float, y: float) -> FloatArray:
-        """(n, 2) surfaces that rays meet."""
+        """Points on fixed surfaces that the beams hit.
+
+        Args:
+            x: Sensor's position, m, map frame.
+            y: Sensor's position, m, map frame.
+
+        Returns:
+            (n, 2) points, m, map frame.
+        """
         count = scan(self.problem, x, y, self.reach_m, self.box, self.safe_m, self._points)
         return self._points[:count].copy()
 
     def movers(self, x: float, y: float, movers: Sequence[Mover], step: int) -> FloatArray:
-        """(k, 5) x, y, radius and estimated velocity of the movers in sight."""
+        """The movers in sight, with estimated velocities.
+
+        Args:
+            x: Sensor's position, m, map frame.
+            y: Sensor's position, m, map frame.
+            movers: All movers of the world.
+            step: Number of the present step.
+
+        Returns:
+            (k, 5) x, y, radius, m, and vx, vy, m per step, map frame.
+        """
         rows = []
         for number, mover in enumerate(movers):
             where = mover.track.at(step)
@@ -123,24 +185,41 @@ class Senses:
                 continue
             if apart > mover.radius_m:
                 ux, uy = (where[0] - x) / apart, (where[1] - y) / apart
-                if cast(self.problem, x, y, ux, uy, apart) < apart - mover.radius_m:
+                if cast_ray(self.problem, x, y, ux, uy, apart) < apart - mover.radius_m:
                     continue
-            then, there = self.seen.get(number, (step, where))
+            then, there = self.last_seen.get(number, (step, where))
             velocity = (where - there) / max(1, step - then)
-            self.seen[number] = step, where
+            self.last_seen[number] = step, where
             rows.append([*where, mover.radius_m, *velocity])
         return np.array(rows).reshape(-1, 5)
 
 
-def kept(p: Problem) -> float:
-    """What a walker keeps from what it senses, m: a little over the safe distance, for rays leave
-    gaps, a path is thinned, and a field's surfaces are known to a fifth of a cell."""
+def padded_safe_distance(p: Problem) -> float:
+    """The distance that a stepping robot keeps from the points that it senses.
+
+    It is a little more than the safe distance, because there are gaps between the beams, because
+    the path is simplified afterwards, and because the surfaces in a field are known to a fifth
+    of a cell.
+
+    Args:
+        p: The planning problem.
+
+    Returns:
+        Distance, m.
+    """
     grain = _MARGIN_CELLS / p.per_m if p.field.size else 0.0
     return _MARGIN_SHARE * p.safe_m + grain
 
 
-def box_of(problem: Problem) -> FloatArray:
-    """(4,) the bounds, as wide as start and goal need."""
+def motion_box(problem: Problem) -> FloatArray:
+    """The box that the robot's centre keeps to: the bounds, extended to start and goal.
+
+    Args:
+        problem: The planning problem.
+
+    Returns:
+        (4,) x_min, y_min, x_max, y_max, m, map frame.
+    """
     x = sorted((problem.start_x, problem.goal_x))
     y = sorted((problem.start_y, problem.goal_y))
     return np.array([
@@ -150,41 +229,47 @@ def box_of(problem: Problem) -> FloatArray:
 
 
 def simulate(world: OnlineWorld, steering: Steering, rng: np.random.Generator) -> Trajectory:
-    """Let a robot walk through a world that it does not know, until it stands at the goal (moving
-    or not) or its steps are over."""
+    """Let a robot cross a world that it does not know, up to the goal or the last step.
+
+    Args:
+        world: The world and the robot's data.
+        steering: Chooses the headings.
+        rng: Source of all randomness.
+
+    Returns:
+        The robot's trajectory and how it ended.
+    """
     goal = world.goal.at(0)
     problem = make_problem(world.fixed, world.start, goal, safe_m=world.safe_m)
-    box, safe_m = box_of(problem), kept(problem)
-    senses = Senses(problem, world.reach_m, box, safe_m)
+    box, safe_m = motion_box(problem), padded_safe_distance(problem)
+    sensor = RangeSensor(problem, world.reach_m, box, safe_m)
     heading = math.atan2(goal[1] - world.start[1], goal[0] - world.start[0])
-    walker = Walker(steering, make_state(rng), heading)
+    stepper = Stepper(steering, make_state(rng), heading)
     here = np.array(world.start[:2], dtype=np.float64)
     path, collisions, least, reached = [here], 0, np.inf, False
     for step in range(world.most_steps):
         goal = world.goal.at(step)
         (x, y), (goal_x, goal_y) = here, goal
-        look = Look(
-            senses.points(x, y), senses.movers(x, y, world.movers, step),
+        view = LocalView(
+            sensor.points(x, y), sensor.movers(x, y, world.movers, step),
             x, y, goal_x, goal_y, safe_m, world.step_m, world.reach_m, box,
         )  # fmt: skip
-        there = walker.step(look, goal)
-        clear = _clearance_between(world, problem, here, there, step)
+        there = stepper.step(view, goal)
+        clear = _clearance_during(world, problem, here, there, step)
         collisions += clear < world.radius_m
         least, here = min(least, clear), there
         path.append(here)
+        # The goal may move on during the step: half a step from its new position is close enough.
         if math.dist(here, world.goal.at(step + 1)) <= 0.5 * world.step_m:
             reached = True
             break
-    return Trajectory(np.array(path), reached, collisions, least, walker.evaluations)
+    return Trajectory(np.array(path), reached, collisions, least, stepper.evaluations)
 
 
-_SUBSTEPS = 8
-
-
-def _clearance_between(
+def _clearance_during(
     world: OnlineWorld, problem: Problem, a: FloatArray, b: FloatArray, step: int
 ) -> float:
-    """Least distance of the robot's centre from any surface while it goes a step, m."""
+    """Least distance of the robot's centre from any surface while it moves from a to b, m."""
     least = np.inf
     for share in np.linspace(0.0, 1.0, _SUBSTEPS + 1):
         x, y = a + share * (b - a)

@@ -1,12 +1,13 @@
 """The plain artificial potential field, which stops where its forces cancel.
 
-Source: Khatib 1986, as Mohamed 2012 gives it in Eqs. 1-3: attraction xi d(q, goal), and from each
-obstacle nearer than rho the repulsion eta (1/d - 1/rho) / d^2. A point follows the force's
-direction in equal steps, shortened near obstacles so that none can be stepped into. It is what
-the genetically optimised field is measured against, and it is meant to show its local minimum.
+Source: Khatib 1986, as Mohamed 2012 prints it in Eqs. 1-3. The negative gradients of the two
+potentials are an attraction xi d(q, goal) and, from each obstacle nearer than rho, a repulsion
+eta (1/d - 1/rho) / d^2. A point follows the direction of the summed force in equal steps, which
+are shortened near obstacles so that no step ends inside one. The genetically optimised field
+(`ga_apf`) is compared with this planner; its local minima are intended.
 
-Filled in: the gains; the step; d is measured to the obstacle grown by the safe distance; in a
-distance field, which knows no single obstacles, the nearest surface alone repels.
+Chosen here: the gains and the step. d is measured to the obstacle grown by the safe distance.
+In a distance field, which knows no single obstacles, only the nearest surface repels.
 """
 
 from __future__ import annotations
@@ -20,13 +21,19 @@ from numba import njit
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray, WorldView
 from simloop.planners.problem.clearance import Problem
-from simloop.planners.reactive.rollout import Walk, WalkingPlanner, inside_bounds, surface
+from simloop.planners.reactive.rollout import (
+    Rollout,
+    RolloutPlanner,
+    inside_bounds,
+    nearest_surface,
+)
 
 ATTRACTION = 1.0
+"""xi of Eq. 1."""
 REPULSION = 4.0
-"""eta, in safe distances to the fourth: so that a world drawn larger gives a larger path."""
+"""eta of Eq. 2, in safe distances to the power of four: a scaled world gives a scaled path."""
 REACH_SAFE = 1.5
-"""How far obstacles repel (rho), in safe distances."""
+"""Distance up to which obstacles repel (rho of Eq. 2), in safe distances."""
 _STEP_SAFE = 0.2
 _LEAST_GAP = 1e-3
 _STILL_STEPS = 60
@@ -36,10 +43,20 @@ _MOST_STEPS = 20_000
 
 @njit(cache=True)
 def force(p: Problem, x: float, y: float, reach: float) -> tuple[float, float]:
-    """Force at a point, Eq. 3, m."""
+    """Force at a point (Mohamed 2012, Eq. 3).
+
+    Args:
+        p: The planning problem.
+        x: Point, m, map frame.
+        y: Point, m, map frame.
+        reach: Distance up to which obstacles repel, m.
+
+    Returns:
+        Force along x and y, map frame; in m, because xi has no unit.
+    """
     fx = ATTRACTION * (p.goal_x - x)
     fy = ATTRACTION * (p.goal_y - y)
-    least = _LEAST_GAP * p.safe_m
+    least = _LEAST_GAP * p.safe_m  # keeps the repulsion finite on a surface
     eta = REPULSION * p.safe_m**4
     if p.field.size == 0 and p.corners.size == 0:
         for k in range(p.discs.shape[1]):
@@ -51,7 +68,7 @@ def force(p: Problem, x: float, y: float, reach: float) -> tuple[float, float]:
                 fx += push * dx / apart
                 fy += push * dy / apart
         return fx, fy
-    gap, ux, uy = surface(p, x, y)
+    gap, ux, uy = nearest_surface(p, x, y)
     gap = max(gap, least)
     if gap < reach:
         push = eta * (1.0 / gap - 1.0 / reach) / (gap * gap)
@@ -62,20 +79,29 @@ def force(p: Problem, x: float, y: float, reach: float) -> tuple[float, float]:
 
 @njit(cache=True)
 def follow_force(p: Problem, path: FloatArray) -> tuple[int, bool]:
-    """Follow the force from the start; path: (>= 2, 2) takes the points. Their count, and whether
-    the last is the goal; if not, the forces cancel there."""
+    """Follow the force from the start until the goal, a local minimum or the path's end.
+
+    Args:
+        p: The planning problem.
+        path: (n >= 2, 2) takes the points, m, map frame.
+
+    Returns:
+        How many points were written, and whether the last one is the goal.
+    """
     step = _STEP_SAFE * p.safe_m
     x, y = p.start_x, p.start_y
     path[0, 0], path[0, 1] = x, y
     for n in range(1, path.shape[0]):
         left = math.hypot(p.goal_x - x, p.goal_y - y)
-        gap, _, _ = surface(p, x, y)
+        gap, _, _ = nearest_surface(p, x, y)
+        # Within a step of the goal, and with nothing in between: done.
         if left <= step and (left <= gap or left < 1e-9):
             path[n, 0], path[n, 1] = p.goal_x, p.goal_y
             return n + 1, True
         fx, fy = force(p, x, y, REACH_SAFE * p.safe_m)
         size = math.hypot(fx, fy)
         size = size if size > 1e-12 else 1.0
+        # Half the gap cannot reach the obstacle; the floor frees a point that starts inside.
         go = min(step, max(0.5 * gap, 0.05 * step))
         x, y = x + go * fx / size, y + go * fy / size
         if not inside_bounds(p, x, y):
@@ -83,25 +109,27 @@ def follow_force(p: Problem, path: FloatArray) -> tuple[int, bool]:
         path[n, 0], path[n, 1] = x, y
         if n > _STILL_STEPS and n % _STILL_STEPS == 0:
             back = n - _STILL_STEPS
-            came = math.hypot(x - path[back, 0], y - path[back, 1])
-            if came < _STILL_SHARE * _STILL_STEPS * 0.05 * step:
+            # Where the forces cancel, the point trembles about one place.
+            moved = math.hypot(x - path[back, 0], y - path[back, 1])
+            if moved < _STILL_SHARE * _STILL_STEPS * 0.05 * step:
                 return n + 1, False
     return path.shape[0], False
 
 
-class PotentialField(WalkingPlanner):
-    """Draws nothing from the generator; where it gets stuck, the plan ends there."""
+class PotentialField(RolloutPlanner):
+    """A deterministic planner; if the point gets stuck, its plan ends there and is not safe."""
 
     name = "potential_field"
-    invariant = ("shift", "rotate", "mirror", "scale")
 
     def __init__(self, config: PlannerConfig, vehicle: VehicleConfig) -> None:
         super().__init__(config, vehicle)
         self._path = np.zeros((_MOST_STEPS, 2))
 
-    def _walker(self, world: WorldView, rng: np.random.Generator) -> Callable[[Problem, int], Walk]:
-        def walk(p: Problem, attempt: int) -> Walk:
+    def _make_rollout(
+        self, world: WorldView, rng: np.random.Generator
+    ) -> Callable[[Problem, int], Rollout]:
+        def roll_out(p: Problem, attempt: int) -> Rollout:
             count, reached = follow_force(p, self._path)
-            return Walk(self._path[:count].copy(), reached, count)
+            return Rollout(self._path[:count].copy(), reached, count)
 
-        return walk
+        return roll_out

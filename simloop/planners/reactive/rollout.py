@@ -1,13 +1,14 @@
-"""What the planners share that plan by moving a point step by step through the view they have.
+"""Base of the planners that plan by moving a point step by step through the world view.
 
-The path is what the point has gone, thinned; its account (J, clearance along every segment, three
-discs' overhang) is the same as every planner's.
+The path is the simplified trace of the point. Its account (J, clearance along every segment, the
+overhang of the three-disc footprint) is the same as that of every other planner.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -16,21 +17,28 @@ from numba import njit
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray, Plan, WorldView
 from simloop.planners.problem.account import account, lack_of, problem_of
-from simloop.planners.problem.clearance import (
-    Problem,
-    relaxed_clearance,
-)
+from simloop.planners.problem.clearance import Problem, relaxed_clearance
+from simloop.planners.protocol import PlanningTask
 
-THIN_SHARES = (0.02, 0.005, 0.0)
-"""How far a thinned path may lie from what was gone, in safe distances: the first that costs no
-clearance."""
-_LADDER = (0.0, 0.25, 0.5, 1.0)
-_SLOPE_M = 1e-3
-_CLIMB_CELLS = 0.5
+TOLERANCE_SHARES = (0.02, 0.005, 0.0)
+"""Distances that a simplified path may lie from the trace, in safe distances. The first one that
+costs no clearance is used."""
+_OVERHANG_SHARES = (0.0, 0.25, 0.5, 1.0)
+# Half widths of the central differences: a share of the safe distance, of a field's cell.
+_SLOPE_SAFE = 1e-3
+_SLOPE_CELLS = 0.5
 
 
-class Walk(NamedTuple):
-    """What one roll-out came to. path: (n, 2); reached: whether it ends at the goal."""
+class Rollout(NamedTuple):
+    """The result of moving a point from the start until it stops.
+
+    Attributes:
+        path: (n, 2) the point's positions, m, map frame.
+        reached: Whether the last one is the goal.
+        evaluations: Candidates tried on the way.
+        generations: Generations of a search, if there was one.
+        candidates: Further paths (n, 2), m, map frame, for display.
+    """
 
     path: FloatArray
     reached: bool
@@ -40,12 +48,20 @@ class Walk(NamedTuple):
 
 
 @njit(cache=True)
-def surface(p: Problem, x: float, y: float) -> tuple[float, float, float]:
-    """Distance from a point to the nearest obstacle grown by the safe distance, and the unit vector
-    away from it.
+def nearest_surface(p: Problem, x: float, y: float) -> tuple[float, float, float]:
+    """Distance from a point to the nearest obstacle grown by the safe distance, and its gradient.
 
-    Negative inside; less is asked for near a start too close. Among discs alone the vector is
-    exact, else it is the distance's slope; 0, 0 where that has none.
+    Near a start that is too close to an obstacle the safe distance is relaxed. Among discs the
+    gradient is exact, elsewhere it comes from central differences.
+
+    Args:
+        p: The planning problem.
+        x: Point, m, map frame.
+        y: Point, m, map frame.
+
+    Returns:
+        Distance, m, negative inside the grown obstacle; unit vector away from the obstacle, or
+        (0, 0) where the distance has no slope.
     """
     gap = relaxed_clearance(p, x, y) - p.safe_m
     if p.field.size == 0 and p.corners.size == 0:
@@ -58,7 +74,7 @@ def surface(p: Problem, x: float, y: float) -> tuple[float, float, float]:
                 least = apart - p.discs[2, k]
                 ux, uy = dx / apart, dy / apart
         return gap, ux, uy
-    h = _CLIMB_CELLS / p.per_m if p.field.size > 0 else _SLOPE_M * p.safe_m
+    h = _SLOPE_CELLS / p.per_m if p.field.size > 0 else _SLOPE_SAFE * p.safe_m
     gx = relaxed_clearance(p, x + h, y) - relaxed_clearance(p, x - h, y)
     gy = relaxed_clearance(p, x, y + h) - relaxed_clearance(p, x, y - h)
     size = math.hypot(gx, gy)
@@ -69,20 +85,36 @@ def surface(p: Problem, x: float, y: float) -> tuple[float, float, float]:
 
 @njit(cache=True)
 def inside_bounds(p: Problem, x: float, y: float) -> bool:
-    """Whether a point lies in the box of the waypoints, or no further out than start or goal."""
+    """Whether a point lies in the waypoints' box, extended to start and goal.
+
+    Args:
+        p: The planning problem.
+        x: Point, m, map frame.
+        y: Point, m, map frame.
+
+    Returns:
+        Whether it lies inside.
+    """
     low_x, high_x = min(p.low_x, p.start_x, p.goal_x), max(p.high_x, p.start_x, p.goal_x)
     low_y, high_y = min(p.low_y, p.start_y, p.goal_y), max(p.high_y, p.start_y, p.goal_y)
     return low_x <= x <= high_x and low_y <= y <= high_y
 
 
 @njit(cache=True)
-def thin(path: FloatArray, tolerance: float) -> FloatArray:
-    """The path (n, 2) without the points that its shape does not need: each that is dropped lies
-    within ``tolerance`` m of what stays (Douglas & Peucker 1973)."""
+def simplify(path: FloatArray, tolerance: float) -> FloatArray:
+    """Drop points that the shape of a path does not need (Douglas & Peucker 1973).
+
+    Args:
+        path: (n, 2) points, m.
+        tolerance: Largest distance of a dropped point from the simplified path, m.
+
+    Returns:
+        (k, 2) the points that stay, the first and the last among them.
+    """
     n = path.shape[0]
     keep = np.zeros(n, dtype=np.bool_)
     keep[0] = keep[n - 1] = True
-    todo = [(0, n - 1)]
+    todo = [(0, n - 1)]  # a stack in place of recursion, which numba types poorly
     while len(todo) > 0:
         first, last = todo.pop()
         dx, dy = path[last, 0] - path[first, 0], path[last, 1] - path[first, 1]
@@ -101,8 +133,16 @@ def thin(path: FloatArray, tolerance: float) -> FloatArray:
     return path[keep]
 
 
-def grown(p: Problem, extra_m: float) -> Problem:
-    """The same problem with ``extra_m`` more to be kept from everything but at the start."""
+def with_extra_clearance(p: Problem, extra_m: float) -> Problem:
+    """The same problem with a larger safe distance.
+
+    Args:
+        p: The planning problem.
+        extra_m: Added to the safe distance, m.
+
+    Returns:
+        A problem that still lets the robot leave a start which lacks the larger distance.
+    """
     slack = p.start_slack + extra_m if p.start_slack > 0.0 else 0.0
     if slack == 0.0 and extra_m > 0.0:
         here = relaxed_clearance(p, p.start_x, p.start_y) - p.safe_m
@@ -110,26 +150,34 @@ def grown(p: Problem, extra_m: float) -> Problem:
     return p._replace(safe_m=p.safe_m + extra_m, start_slack=slack)
 
 
-def plan_by_walking(
+def plan_by_rollout(
     name: str,
-    world: WorldView,
+    task: PlanningTask,
     problem: Problem,
-    walk: Callable[[Problem, int], Walk],
-    reason: str,
+    roll_out: Callable[[Problem, int], Rollout],
 ) -> Plan:
-    """Walk, and answer for what came of it.
+    """Move a point to the goal and turn its trace into a plan.
 
-    walk: called with a problem and the number of the attempt. A point knows nothing of the
-    vehicle's overhang, so where a path lacks clearance because of it, the obstacles are grown by a
-    quarter, a half and the whole of it. The first path that is safe and reaches the goal is taken,
-    else the one that lacks least; it is ``safe`` only if it reaches the goal.
+    A point knows nothing of the vehicle's overhang. If its path lacks clearance because of it, the
+    obstacles are grown by a quarter, a half and the whole of the overhang. The first path that is
+    safe and reaches the goal is taken, else the one that lacks least.
+
+    Args:
+        name: Name of the planner.
+        task: The task, with the world view that was planned in.
+        problem: The planning problem in that view.
+        roll_out: Called with a problem and the number of the attempt, from 0.
+
+    Returns:
+        The plan; ``safe`` only if its path keeps the safe distance and reaches the goal.
     """
-    best: tuple[float, Walk, FloatArray] | None = None
+    best: tuple[float, Rollout, FloatArray] | None = None
     evaluations = 0
-    for attempt, share in enumerate(_LADDER if problem.overhang_m > 0.0 else _LADDER[:1]):
-        done = walk(grown(problem, share * problem.overhang_m), attempt)
+    shares = _OVERHANG_SHARES if problem.overhang_m > 0.0 else _OVERHANG_SHARES[:1]
+    for attempt, share in enumerate(shares):
+        done = roll_out(with_extra_clearance(problem, share * problem.overhang_m), attempt)
         evaluations += done.evaluations
-        path, lack = _ended(problem, done)
+        path, lack = _finish(problem, done)
         left = math.hypot(problem.goal_x - path[-1, 0], problem.goal_y - path[-1, 1])
         badness = lack + (0.0 if done.reached else left)
         if best is None or badness < best[0]:
@@ -140,19 +188,18 @@ def plan_by_walking(
     badness, done, path = best
     return account(
         name,
-        world,
+        task,
         problem,
         path,
-        badness,
+        lack_m=badness,
         evaluations=evaluations,
         generations=done.generations,
         candidates_m=done.candidates,
-        reason=reason,
     )
 
 
-class WalkingPlanner:
-    """Keeps `simloop.planners.protocol.Planner`; a subclass says how a view is walked."""
+class RolloutPlanner:
+    """A `simloop.planners.protocol.Planner` whose subclasses move a point through the view."""
 
     name: ClassVar[str] = ""
 
@@ -160,38 +207,38 @@ class WalkingPlanner:
         self._config = config
         self._overhang = max(vehicle.footprint_offsets_m)
 
-    def plan(
-        self,
-        world: WorldView,
-        start: FloatArray,
-        goal: FloatArray,
-        rng: np.random.Generator,
-        *,
-        previous: Plan | None = None,
-        reason: str = "frame",
-    ) -> Plan:
-        """As the protocol says; ``previous`` is not used. A walk that does not get to the goal
-        makes a plan that ends where it did, and is not safe."""
-        seen = self._seen(world)
-        problem = problem_of(self._config, self._overhang, seen, start, goal)
-        return plan_by_walking(self.name, seen, problem, self._walker(seen, rng), reason)
+    def plan(self, task: PlanningTask, rng: np.random.Generator) -> Plan:
+        """Move a point to the goal and return its trace as a plan; see `Planner.plan`.
 
-    def _seen(self, world: WorldView) -> WorldView:
-        """The view as this planner can take it."""
+        Args:
+            task: What to plan; the previous plan is not used.
+            rng: Source of all randomness.
+
+        Returns:
+            The plan. If the point does not reach the goal, it ends where the point stopped and is
+            not safe.
+        """
+        task = replace(task, world=self._usable_view(task.world))
+        problem = problem_of(self._config, self._overhang, task)
+        return plan_by_rollout(self.name, task, problem, self._make_rollout(task.world, rng))
+
+    def _usable_view(self, world: WorldView) -> WorldView:
+        """The view in the form that this planner can use."""
         return world
 
-    def _walker(self, world: WorldView, rng: np.random.Generator) -> Callable[[Problem, int], Walk]:
-        """What walks, see `plan_by_walking`."""
+    def _make_rollout(
+        self, world: WorldView, rng: np.random.Generator
+    ) -> Callable[[Problem, int], Rollout]:
+        """The function that moves the point; see `plan_by_rollout`."""
         raise NotImplementedError
 
 
-def _ended(p: Problem, done: Walk) -> tuple[FloatArray, float]:
-    """The thinned path, with two points at least, and exactly at the goal where it got there; and
-    what clearance it lacks, m."""
+def _finish(p: Problem, done: Rollout) -> tuple[FloatArray, float]:
+    """The simplified path, of two points at least, and the clearance that it lacks, m."""
     path, lack = done.path, np.inf
-    for share in THIN_SHARES:
-        path = thin(np.ascontiguousarray(done.path), share * p.safe_m)
-        if len(path) == 1:  # it never got away: what is shown is where it wanted to go
+    for share in TOLERANCE_SHARES:
+        path = simplify(np.ascontiguousarray(done.path), share * p.safe_m)
+        if len(path) == 1:  # the point never left the start: show where it was to go
             path = np.array([path[0], (p.goal_x, p.goal_y)])
         if done.reached:
             path[-1] = p.goal_x, p.goal_y

@@ -1,8 +1,9 @@
-"""What a point robot senses around it: where rays meet something, and how far it may go.
+"""Range sensing of a simulated point robot: where beams hit, and how far it can move.
 
-A scan is all that the step-by-step planners know of the world: points on surfaces within reach, and
-discs that move. Casting is exact among discs and polygons and by sphere tracing in a distance
-field.
+The step-by-step planners know nothing of the world but one scan: points on the surfaces within
+reach, and moving discs. Beams are exact among discs and polygons; in a distance field they are
+traced by sphere tracing. All positions are in the map frame, angles in rad counter-clockwise
+from +x.
 """
 
 from __future__ import annotations
@@ -15,20 +16,34 @@ from numba import njit
 
 from simloop.messages import FloatArray
 from simloop.planners.problem.clearance import Problem, point_clearance
-from simloop.planners.reactive.rollout import surface
+from simloop.planners.reactive.rollout import nearest_surface
 
 BEAMS = 360
-_TOUCH_CELLS = 0.6  # nearer than this a field is not what its obstacles' surfaces are
+"""Beams of a scan, and headings that a sweep tries, in a full turn."""
+# A field interpolates between cell centres: below this distance its value is not reliable.
+_TOUCH_CELLS = 0.6
 _LEAST_STEP_CELLS = 0.25
-_AHEAD_STEPS = 8
+_PREDICTED_STEPS = 8
+# Angles off the present heading, counted towards the followed side, between which the surface to
+# follow is sought: from a little across to the other side to a little past straight behind.
+_SIDE_FROM_RAD, _SIDE_TO_RAD = -0.35, 3.3
+_FREE_STEPS = 1.5
 
 
-class Look(NamedTuple):
-    """What one step is chosen from; lengths in m, velocities in m a step.
+class LocalView(NamedTuple):
+    """What a point robot knows when it chooses one step.
 
-    points: (n, 2) sensed surfaces, fixed; movers: (k, 5) x, y, radius, vx, vy as estimated. x, y:
-    the robot; target: where it heads for. safe: what it keeps from everything, step: how far it
-    goes, reach: how far it sees. box: (4,) x_min, y_min, x_max, y_max.
+    Attributes:
+        points: (n, 2) sensed points on fixed surfaces, m, map frame.
+        movers: (k, 5) sensed moving discs: x, y, radius, m, and estimated vx, vy, m per step.
+        x: Robot's position, m, map frame.
+        y: Robot's position, m, map frame.
+        target_x: Position that it heads for, m, map frame.
+        target_y: Position that it heads for, m, map frame.
+        safe_m: Distance that its centre keeps from every surface, m.
+        step_m: Length of one step, m.
+        reach_m: Range of the sensor, m.
+        box: (4,) x_min, y_min, x_max, y_max that its centre stays in, m, map frame.
     """
 
     points: FloatArray
@@ -37,45 +52,61 @@ class Look(NamedTuple):
     y: float
     target_x: float
     target_y: float
-    safe: float
-    step: float
-    reach: float
+    safe_m: float
+    step_m: float
+    reach_m: float
     box: FloatArray
 
 
 @njit(cache=True)
-def _march(p: Problem, x: float, y: float, ux: float, uy: float, reach: float) -> float:
-    """Range in a distance field; ``reach`` where nothing is met."""
+def _trace_field(p: Problem, x: float, y: float, ux: float, uy: float, reach: float) -> float:
+    """Range along a beam through a distance field by sphere tracing; ``reach`` for no hit."""
     cell = 1.0 / p.per_m
     t = 0.0
     while t < reach:
         d = point_clearance(p, x + t * ux, y + t * uy)
         if d < _TOUCH_CELLS * cell:
             return t
+        # Nothing lies within d, so the beam may jump by d; the floor keeps it moving at a wall.
         t += max(d, _LEAST_STEP_CELLS * cell)
     return reach
 
 
 @njit(cache=True)
-def cast(p: Problem, x: float, y: float, ux: float, uy: float, reach: float) -> float:
-    """Range from a point along a unit vector to the first surface, m; ``reach`` for none."""
+def cast_ray(p: Problem, x: float, y: float, ux: float, uy: float, reach: float) -> float:
+    """Range from a point along a unit vector to the first obstacle.
+
+    Args:
+        p: The planning problem that holds the obstacles.
+        x: Beam's origin, m, map frame.
+        y: Beam's origin, m, map frame.
+        ux: Unit direction.
+        uy: Unit direction.
+        reach: Largest range, m.
+
+    Returns:
+        Range, m; ``reach`` if nothing is hit before.
+    """
     if p.field.size > 0:
-        return _march(p, x, y, ux, uy, reach)
+        return _trace_field(p, x, y, ux, uy, reach)
     least = reach
     for k in range(p.discs.shape[1]):
         dx, dy = p.discs[0, k] - x, p.discs[1, k] - y
         along = dx * ux + dy * uy
+        # Pythagoras: square of the half chord that the beam's line cuts out of the disc.
         room = p.discs[2, k] ** 2 - (dx * dx + dy * dy - along * along)
         if room >= 0.0 and along > 0.0:
             least = min(least, max(along - math.sqrt(room), 0.0))
     first = 0
     while first < p.corners.shape[0]:
+        # Corners are stored polygon after polygon; column 2 holds the index after the last one.
         last = int(p.corners[first, 2])
         for i in range(first, last):
             k = i + 1 if i + 1 < last else first
             ex, ey = p.corners[k, 0] - p.corners[i, 0], p.corners[k, 1] - p.corners[i, 1]
             wx, wy = p.corners[i, 0] - x, p.corners[i, 1] - y
             cross = ux * ey - uy * ex
+            # A beam parallel to an edge meets the polygon at one of the edge's neighbours.
             if abs(cross) > 1e-12:
                 t = (wx * ey - wy * ex) / cross
                 s = (wx * uy - wy * ux) / cross
@@ -86,16 +117,27 @@ def cast(p: Problem, x: float, y: float, ux: float, uy: float, reach: float) -> 
 
 
 @njit(cache=True)
-def _foot(p: Problem, x: float, y: float) -> tuple[float, float]:
-    """The point of a field's nearest surface, seen from close by."""
-    gap, ux, uy = surface(p, x, y)
+def _nearest_field_point(p: Problem, x: float, y: float) -> tuple[float, float]:
+    """The nearest surface point of a distance field, from a point close to it."""
+    gap, ux, uy = nearest_surface(p, x, y)
     gap += p.safe_m
     return x - gap * ux, y - gap * uy
 
 
 @njit(cache=True)
-def to_edge(box: FloatArray, x: float, y: float, ux: float, uy: float) -> float:
-    """How far it is from a point along a unit vector to the edge of a box, m; 0 outside."""
+def distance_to_edge(box: FloatArray, x: float, y: float, ux: float, uy: float) -> float:
+    """Distance from a point along a unit vector to the edge of a box.
+
+    Args:
+        box: (4,) x_min, y_min, x_max, y_max, m, map frame.
+        x: Start, m, map frame.
+        y: Start, m, map frame.
+        ux: Unit direction.
+        uy: Unit direction.
+
+    Returns:
+        Distance, m; 0 from outside the box towards the outside.
+    """
     least = np.inf
     for at, u, low, high in ((x, ux, box[0], box[2]), (y, uy, box[1], box[3])):
         if u > 1e-12:
@@ -109,107 +151,178 @@ def to_edge(box: FloatArray, x: float, y: float, ux: float, uy: float) -> float:
 def scan(
     p: Problem, x: float, y: float, reach: float, box: FloatArray, safe: float, out: FloatArray
 ) -> int:
-    """Cast a full turn of beams, the first along +x; out: (BEAMS, 2) takes the points met. How
-    many. The bounds are a surface too, ``safe`` outside the box that the robot's centre keeps to.
+    """Cast a full turn of beams, the first along +x, and collect the points that they hit.
+
+    The bounds are a surface too: a wall lies ``safe`` outside the box that the robot's centre
+    keeps to.
+
+    Args:
+        p: The planning problem that holds the obstacles.
+        x: Sensor's position, m, map frame.
+        y: Sensor's position, m, map frame.
+        reach: Range of the sensor, m.
+        box: (4,) x_min, y_min, x_max, y_max that the robot's centre keeps to, m, map frame.
+        safe: Distance of the walls about the box, m.
+        out: (BEAMS, 2) takes the hit points, m, map frame.
+
+    Returns:
+        How many rows of ``out`` were filled.
     """
     walls = np.array([box[0] - safe, box[1] - safe, box[2] + safe, box[3] + safe])
     count = 0
     for k in range(BEAMS):
         angle = 2.0 * math.pi * k / BEAMS
         ux, uy = math.cos(angle), math.sin(angle)
-        t, edge = cast(p, x, y, ux, uy, reach), to_edge(walls, x, y, ux, uy)
-        met_x, met_y = x + min(t, edge) * ux, y + min(t, edge) * uy
+        t, edge = cast_ray(p, x, y, ux, uy, reach), distance_to_edge(walls, x, y, ux, uy)
+        hit_x, hit_y = x + min(t, edge) * ux, y + min(t, edge) * uy
+        # Sphere tracing stops short of the surface: project the hit onto it along the gradient.
         if p.field.size > 0 and t < min(edge, reach):
-            met_x, met_y = _foot(p, met_x, met_y)
+            hit_x, hit_y = _nearest_field_point(p, hit_x, hit_y)
         if min(t, edge) < reach:
-            out[count, 0], out[count, 1] = met_x, met_y
+            out[count, 0], out[count, 1] = hit_x, hit_y
             count += 1
     return count
 
 
 @njit(cache=True)
-def free_range(look: Look, x: float, y: float, ux: float, uy: float) -> float:
-    """How far a disc of radius ``look.safe`` can go from (x, y) along (ux, uy), at most ``reach``.
+def free_range(view: LocalView, x: float, y: float, ux: float, uy: float) -> float:
+    """How far a disc of radius ``view.safe_m`` can move before it touches a sensed point.
 
-    What it is too close to already stops it only where it would come nearer.
+    A point that lies inside the disc already blocks only directions that lead nearer to it.
+
+    Args:
+        view: What the robot knows.
+        x: Disc's centre, m, map frame.
+        y: Disc's centre, m, map frame.
+        ux: Unit direction.
+        uy: Unit direction.
+
+    Returns:
+        Free distance, m, at most ``view.reach_m``.
     """
-    least = look.reach
-    square = look.safe * look.safe
-    for k in range(look.points.shape[0]):
-        dx, dy = look.points[k, 0] - x, look.points[k, 1] - y
+    least = view.reach_m
+    square = view.safe_m * view.safe_m
+    for k in range(view.points.shape[0]):
+        dx, dy = view.points[k, 0] - x, view.points[k, 1] - y
         along = dx * ux + dy * uy
         if along > 0.0:
             room = square - (dx * dx + dy * dy - along * along)
             if room > 0.0:
                 least = min(least, max(along - math.sqrt(room), 0.0))
-    return min(least, to_edge(look.box, x, y, ux, uy))
+    return min(least, distance_to_edge(view.box, x, y, ux, uy))
 
 
 @njit(cache=True)
-def nearest_point(look: Look, x: float, y: float) -> float:
-    """Distance from (x, y) to the nearest sensed surface, m; ``reach`` where there is none."""
-    least = look.reach
-    for k in range(look.points.shape[0]):
-        least = min(least, math.hypot(look.points[k, 0] - x, look.points[k, 1] - y))
+def nearest_point_distance(view: LocalView, x: float, y: float) -> float:
+    """Distance from a point to the nearest sensed fixed surface.
+
+    Args:
+        view: What the robot knows.
+        x: Point, m, map frame.
+        y: Point, m, map frame.
+
+    Returns:
+        Distance, m; ``view.reach_m`` if nothing is nearer.
+    """
+    least = view.reach_m
+    for k in range(view.points.shape[0]):
+        least = min(least, math.hypot(view.points[k, 0] - x, view.points[k, 1] - y))
     return least
 
 
 @njit(cache=True)
-def threat(look: Look, vx: float, vy: float) -> float:
-    """How badly a velocity, m a step, runs into what moves: 0 where it does not within the steps
-    looked ahead; the sooner and the deeper, the more."""
+def collision_threat(view: LocalView, vx: float, vy: float) -> float:
+    """How strongly a velocity leads into the predicted movers: 0 for no encounter.
+
+    Robot and movers are predicted at constant velocity over `_PREDICTED_STEPS` steps. An
+    encounter counts more the sooner it happens and the deeper it is.
+
+    Args:
+        view: What the robot knows.
+        vx: Robot's velocity, m per step, map frame.
+        vy: Robot's velocity, m per step, map frame.
+
+    Returns:
+        Threat, from 0 to 2.
+    """
     worst = 0.0
-    for k in range(look.movers.shape[0]):
-        for n in range(1, _AHEAD_STEPS + 1):
-            dx = look.x + n * vx - look.movers[k, 0] - n * look.movers[k, 3]
-            dy = look.y + n * vy - look.movers[k, 1] - n * look.movers[k, 4]
-            keep = look.movers[k, 2] + look.safe
+    for k in range(view.movers.shape[0]):
+        for n in range(1, _PREDICTED_STEPS + 1):
+            dx = view.x + n * vx - view.movers[k, 0] - n * view.movers[k, 3]
+            dy = view.y + n * vy - view.movers[k, 1] - n * view.movers[k, 4]
+            keep = view.movers[k, 2] + view.safe_m
             lack = 1.0 - math.hypot(dx, dy) / keep
             if lack > 0.0:
-                worst = max(worst, (1.0 + lack) * (1.0 - (n - 1.0) / _AHEAD_STEPS))
+                worst = max(worst, (1.0 + lack) * (1.0 - (n - 1.0) / _PREDICTED_STEPS))
     return worst
 
 
 @njit(cache=True)
-def nearest_mover(look: Look, x: float, y: float) -> float:
-    """Distance from (x, y) to the nearest mover's surface where it will be in a step, m."""
-    least = look.reach
-    for k in range(look.movers.shape[0]):
-        dx = x - look.movers[k, 0] - look.movers[k, 3]
-        dy = y - look.movers[k, 1] - look.movers[k, 4]
-        least = min(least, math.hypot(dx, dy) - look.movers[k, 2])
+def nearest_mover_distance(view: LocalView, x: float, y: float) -> float:
+    """Distance from a point to the nearest mover's surface, predicted one step ahead.
+
+    Args:
+        view: What the robot knows.
+        x: Point, m, map frame.
+        y: Point, m, map frame.
+
+    Returns:
+        Distance, m, negative inside a mover; ``view.reach_m`` if nothing is nearer.
+    """
+    least = view.reach_m
+    for k in range(view.movers.shape[0]):
+        dx = x - view.movers[k, 0] - view.movers[k, 3]
+        dy = y - view.movers[k, 1] - view.movers[k, 4]
+        least = min(least, math.hypot(dx, dy) - view.movers[k, 2])
     return least
 
 
 @njit(cache=True)
-def wall_heading(look: Look, heading: float, side: int) -> float:
-    """Where to go to keep the surface on one's left (side 1) or right (-1), rad; NaN: nowhere.
+def surface_heading(view: LocalView, heading: float, side: int) -> float:
+    """The heading that keeps the nearest surface on one side of the robot.
 
-    From the nearest surface on that side of ``heading`` the headings are swept away from it; the
-    first that is free for a step and a half is the one.
+    Args:
+        view: What the robot knows.
+        heading: The robot's present heading, rad.
+        side: Where the surface is kept: 1 left, -1 right.
+
+    Returns:
+        Heading, rad; NaN if no heading is free.
     """
+    # The nearest surface on that side of the present heading is the one to follow.
     least, towards = np.inf, heading + side * 0.5 * math.pi
-    for k in range(look.points.shape[0]):
-        dx, dy = look.points[k, 0] - look.x, look.points[k, 1] - look.y
+    for k in range(view.points.shape[0]):
+        dx, dy = view.points[k, 0] - view.x, view.points[k, 1] - view.y
         apart = math.hypot(dx, dy)
         if apart < least:
             angle = side * (math.atan2(dy, dx) - heading)
             angle = (angle + 0.5 * math.pi) % (2.0 * math.pi) - 0.5 * math.pi
-            if -0.35 <= angle <= 3.3:
+            if _SIDE_FROM_RAD <= angle <= _SIDE_TO_RAD:
                 least, towards = apart, math.atan2(dy, dx)
+    # Headings are swept away from it: the first free one runs closest along the surface.
     for k in range(BEAMS):
         angle = towards - side * 2.0 * math.pi * k / BEAMS
-        if free_range(look, look.x, look.y, math.cos(angle), math.sin(angle)) >= 1.5 * look.step:
+        free = free_range(view, view.x, view.y, math.cos(angle), math.sin(angle))
+        if free >= _FREE_STEPS * view.step_m:
             return angle
     return np.nan
 
 
 @njit(cache=True)
-def easier_side(look: Look, bearing: float, enough: float) -> int:
-    """On which side to keep what blocks ``bearing``: 1 left, -1 right, so as to turn least."""
+def easier_side(view: LocalView, bearing: float, enough: float) -> int:
+    """The side on which to keep an obstacle ahead, so that the robot turns as little as possible.
+
+    Args:
+        view: What the robot knows.
+        bearing: The blocked bearing, rad.
+        enough: Free range that a heading needs, m.
+
+    Returns:
+        1 to keep the obstacle on the left, -1 on the right.
+    """
     for k in range(BEAMS // 2):
         for side in (1, -1):
             angle = bearing - side * 2.0 * math.pi * k / BEAMS
-            if free_range(look, look.x, look.y, math.cos(angle), math.sin(angle)) >= enough:
+            if free_range(view, view.x, view.y, math.cos(angle), math.sin(angle)) >= enough:
                 return side
     return 1

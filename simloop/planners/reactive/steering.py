@@ -1,11 +1,16 @@
-"""How the step-by-step planners choose a heading: by a metaheuristic over the cost of Abed 2022.
+"""Heading choice by a metaheuristic that minimises the cost function of Abed 2022.
 
-Eq. 5: cost = a1 dRG + a2 / dRO + a3 theta, one number being sought (Table 1: dimension 1, from -5
-to 5, ten agents, ten iterations). Here the number is the turn off the target's bearing, rad, so
-that a turned world gives a turned path. Filled in: the weights, with lengths in steps and
-clearances in safe distances; theta is the turn off the bearing (as printed, Eq. 6 is the bearing
-itself, which nothing can be done about); a step that would end too close, or meet what moves, costs
-`BLOCKED` more."""
+Eq. 5: cost = alpha1 dRG + alpha2 / dRO + alpha3 theta, with the distances to the goal (dRG, Eq. 3)
+and to the obstacle (dRO, Eq. 4). Table 1: one variable between -5 and 5, ten agents, ten
+iterations. The variable here is the turn off the target's bearing, rad, so that a rotated world
+gives a rotated path.
+
+Chosen here, because the paper leaves it open:
+- the three weights; lengths count in steps, clearances in safe distances;
+- theta is the turn off the bearing. Eq. 6 prints the bearing itself, which no choice can change;
+- a step that ends too close to an obstacle, or that meets a mover, costs up to twice
+  `BLOCKED_COST` more.
+"""
 
 from __future__ import annotations
 
@@ -16,60 +21,104 @@ from numba import njit
 
 from simloop.messages import FloatArray
 from simloop.planners.metaheuristics.population import Population, Rule, minimise
-from simloop.planners.reactive.sensing import Look, free_range, nearest_mover, nearest_point, threat
-from simloop.planners.reactive.walker import BLOCKED
+from simloop.planners.reactive.sensing import (
+    LocalView,
+    collision_threat,
+    free_range,
+    nearest_mover_distance,
+    nearest_point_distance,
+)
+from simloop.planners.reactive.stepper import BLOCKED_COST
 from simloop.planners.splitmix import State
 
-NEAR_GOAL, CLEAR, STRAIGHT = 1.0, 0.3, 0.1
+GOAL_WEIGHT, OBSTACLE_WEIGHT, TURN_WEIGHT = 1.0, 0.3, 0.1
+"""alpha1, alpha2 and alpha3 of Eq. 5."""
 AGENTS, ITERATIONS = 10, 10
-TURN_RAD = 5.0
+TURN_LIMIT_RAD = 5.0
 
 
 @njit(cache=True)
-def heading_cost(look: Look, angle: float, bearing: float) -> float:
-    """Eq. 5 of a step in direction ``angle``, rad."""
+def heading_cost(view: LocalView, angle: float, bearing: float) -> float:
+    """Cost of one step in a direction (Abed 2022, Eq. 5, with penalties).
+
+    Args:
+        view: What the robot knows.
+        angle: Direction of the step, rad, map frame.
+        bearing: Bearing of the target, rad, map frame.
+
+    Returns:
+        Cost, without unit.
+    """
     ux, uy = math.cos(angle), math.sin(angle)
-    x, y = look.x + look.step * ux, look.y + look.step * uy
-    to_target = math.hypot(look.target_x - x, look.target_y - y)
-    to_obstacle = max(min(nearest_point(look, x, y), nearest_mover(look, x, y)), 1e-3 * look.safe)
+    x, y = view.x + view.step_m * ux, view.y + view.step_m * uy
+    to_target = math.hypot(view.target_x - x, view.target_y - y)
+    nearest = min(nearest_point_distance(view, x, y), nearest_mover_distance(view, x, y))
+    # The floor keeps the quotient finite where the step ends inside a mover.
+    to_obstacle = max(nearest, 1e-3 * view.safe_m)
     off = abs((angle - bearing + math.pi) % (2.0 * math.pi) - math.pi)
-    cost = NEAR_GOAL * to_target / look.step + CLEAR * look.safe / to_obstacle + STRAIGHT * off
-    free = free_range(look, look.x, look.y, ux, uy)
-    if free < look.step:
-        cost += BLOCKED * (2.0 - free / look.step)
-    return cost + BLOCKED * threat(look, look.step * ux, look.step * uy)
+    cost = (
+        GOAL_WEIGHT * to_target / view.step_m
+        + OBSTACLE_WEIGHT * view.safe_m / to_obstacle
+        + TURN_WEIGHT * off
+    )
+    free = free_range(view, view.x, view.y, ux, uy)
+    # A blocked heading costs more the sooner it is blocked, which leads the search out.
+    if free < view.step_m:
+        cost += BLOCKED_COST * (2.0 - free / view.step_m)
+    return cost + BLOCKED_COST * collision_threat(view, view.step_m * ux, view.step_m * uy)
 
 
 @njit(cache=True)
-def heading_costs(look: Look, turns: FloatArray, out: FloatArray) -> None:
-    """Costs (n,) of turns (n, 1) off the target's bearing, rad."""
-    bearing = math.atan2(look.target_y - look.y, look.target_x - look.x)
+def heading_costs(view: LocalView, turns: FloatArray, out: FloatArray) -> None:
+    """Costs of several turns off the target's bearing.
+
+    Args:
+        view: What the robot knows.
+        turns: (n, 1) turns off the target's bearing, rad.
+        out: (n,) takes the costs.
+    """
+    bearing = math.atan2(view.target_y - view.y, view.target_x - view.x)
     for k in range(turns.shape[0]):
-        out[k] = heading_cost(look, bearing + turns[k, 0], bearing)
+        out[k] = heading_cost(view, bearing + turns[k, 0], bearing)
 
 
 class HeadingObjective:
-    """An `Objective` of one dimension: the turn off the target's bearing, rad."""
+    """An `Objective` of one variable: the turn off the target's bearing, rad."""
 
-    def __init__(self, look: Look) -> None:
-        self._look = look
-        self.low, self.high = np.array([-TURN_RAD]), np.array([TURN_RAD])
+    def __init__(self, view: LocalView) -> None:
+        self._view = view
+        self.low, self.high = np.array([-TURN_LIMIT_RAD]), np.array([TURN_LIMIT_RAD])
 
     def costs(self, x: FloatArray, out: FloatArray, bounds: FloatArray) -> None:
-        """As `Objective.costs`."""
-        heading_costs(self._look, x, out)
+        """Evaluate a population of turns; see `Objective.costs`.
+
+        Args:
+            x: (n, 1) turns off the target's bearing, rad.
+            out: (n,) takes the costs.
+            bounds: (n,) not used: every cost is computed in full.
+        """
+        heading_costs(self._view, x, out)
 
 
 class RuleSteering:
-    """Any update rule of the population engine, for one heading."""
+    """A `Steering` that finds each heading with an update rule of the population engine."""
 
     def __init__(self, rule: type[Rule]) -> None:
         self._rule, self.evaluations = rule, 0
 
-    def heading(self, look: Look, heading: float, state: State) -> float:
-        """As `Steering.heading`."""
-        population = Population(HeadingObjective(look), AGENTS, AGENTS * (1 + ITERATIONS), state)
+    def heading(self, view: LocalView, heading: float, state: State) -> float:
+        """Search the heading of least cost (Abed 2022, Eq. 5).
+
+        Args:
+            view: What the robot knows.
+            heading: The robot's present heading, rad; not used.
+            state: (1,) random state, advanced.
+
+        Returns:
+            Heading, rad, map frame.
+        """
+        population = Population(HeadingObjective(view), AGENTS, AGENTS * (1 + ITERATIONS), state)
         minimise(self._rule(), population)
         self.evaluations += population.spent
-        bearing = math.atan2(look.target_y - look.y, look.target_x - look.x)
+        bearing = math.atan2(view.target_y - view.y, view.target_x - view.x)
         return bearing + float(population.best_x[0])

@@ -1,1 +1,7 @@
-"""TODO."""
+"""Reference planners from outside the papers, against which the papers' planners are compared.
+
+- `exact`, `ref_exact`: the exact optimum of J among discs (tangent graph).
+- `ref_visibility`: visibility graph among discs and polygons.
+- `ref_grid`: A* and Theta* on a lattice.
+- `ref_cma`, `ref_ompl`: CMA-ES, Informed RRT* and BIT* by their libraries.
+"""

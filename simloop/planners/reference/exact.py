@@ -1,9 +1,11 @@
-"""The exact optimum of J among discs: the yardstick of the other planners.
+"""The exact optimum of J among discs, with which the other planners are compared.
 
-The best path of a point among discs grown by the safe distance is made of straight pieces tangent
-to two of them (or through an end) and arcs about them. A directed tangent fixes the sense in
-which it leaves one disc and reaches the next, so Dijkstra runs over directed tangents; the arc
-between two of them costs w1 R phi + w2 phi (after Liu and Arimoto 1992, tangent graph).
+J is w1 length + w2 turning (Sabiha 2022, online TLBO, Eq. 12). The best path of a point among discs
+that are grown by the safe distance consists of straight segments, each tangent to two circles (or
+through an end), and of arcs about the circles (tangent graph, Liu & Arimoto 1992). A directed
+tangent fixes the sense of rotation in which it leaves one circle and reaches the next. Dijkstra's
+algorithm therefore runs over directed tangents; the arc of radius R and angle phi between two of
+them costs w1 R phi + w2 phi.
 """
 
 from __future__ import annotations
@@ -23,7 +25,14 @@ _TURN = 2.0 * math.pi
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExactPath:
-    """points_m: (N, 2), arcs sampled; cost, length_m and turning_rad are those of the true arcs."""
+    """The best path. Cost, length and turning belong to the true arcs, not to their samples.
+
+    Attributes:
+        points_m: (N, 2) points, arcs sampled, m, map frame.
+        cost: J = length_weight x length_m + turning_weight x turning_rad.
+        length_m: Length, m.
+        turning_rad: Summed turning, rad.
+    """
 
     points_m: FloatArray
     cost: float
@@ -33,7 +42,17 @@ class ExactPath:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Tangents:
-    """Directed tangents, columns of equal length E. Circle 0 is the start, circle 1 the goal."""
+    """Directed tangents as columns of equal length E. Circle 0 is the start, circle 1 the goal.
+
+    Attributes:
+        tail: (E,) circle that the tangent leaves.
+        tail_sense: (E,) sense about that circle: 1 counter-clockwise, -1 clockwise.
+        head: (E,) circle that it reaches.
+        head_sense: (E,) sense about that circle.
+        heading: (E,) direction, rad, map frame.
+        a: (E, 2) first point, m, map frame.
+        b: (E, 2) last point, m, map frame.
+    """
 
     tail: NDArray[np.int64]
     tail_sense: NDArray[np.int64]
@@ -45,28 +64,32 @@ class _Tangents:
 
 
 def _tangents(centre: FloatArray, radius: FloatArray, bounds: FloatArray) -> _Tangents:
-    """All directed tangents that stay free of every circle's inside and within the bounds."""
+    """All directed tangents that cross no circle and stay within the bounds."""
     n = len(radius)
     senses = np.array([-1, 1])
     i, si, j, sj = (
         g.ravel() for g in np.meshgrid(np.arange(n), senses, np.arange(n), senses, indexing="ij")
     )
-    # An end has no sense: one of the two stands for both.
+    # Start and goal are circles of radius 0: one sense stands for both. No tangent leads into the
+    # start or out of the goal.
     keep = (i != j) & (i != 1) & (j != 0) & ((i != 0) | (si == 1)) & ((j != 1) | (sj == 1))
     i, si, j, sj = i[keep], si[keep], j[keep], sj[keep]
     between = centre[j] - centre[i]
     apart = np.hypot(between[:, 0], between[:, 1])
     offset = sj * radius[j] - si * radius[i]
+    # Of circles inside each other, and for inner tangents of circles that overlap, none exists.
     keep = apart > np.abs(offset)
     i, si, j, sj = i[keep], si[keep], j[keep], sj[keep]
     between, apart, offset = between[keep], apart[keep], offset[keep]
     run = np.sqrt(apart**2 - offset**2)
     heading = np.arctan2(between[:, 1], between[:, 0]) - np.arctan2(offset, run)
+    # A counter-clockwise circle lies to the left of its tangent, so the point is on its right.
     left = np.column_stack([-np.sin(heading), np.cos(heading)])
     a = centre[i] - (si * radius[i])[:, None] * left
     b = centre[j] - (sj * radius[j])[:, None] * left
     free = np.ones(len(i), dtype=bool)
     square = np.maximum(((b - a) ** 2).sum(axis=1), 1e-300)
+    # Free: the nearest point of the segment to every centre is no closer than the radius.
     for c, r in zip(centre[2:], radius[2:], strict=True):
         t = np.clip(((c - a) * (b - a)).sum(axis=1) / square, 0.0, 1.0)
         gap = np.hypot(*(a + t[:, None] * (b - a) - c).T) - r
@@ -76,10 +99,18 @@ def _tangents(centre: FloatArray, radius: FloatArray, bounds: FloatArray) -> _Ta
     return _Tangents(i[free], si[free], j[free], sj[free], heading[free], a[free], b[free])
 
 
+def _leaving(t: _Tangents) -> dict[tuple[int, int], list[int]]:
+    """Circle and sense -> the tangents that leave it so: successors of those that reach it so."""
+    leaving: dict[tuple[int, int], list[int]] = {}
+    for e in range(len(t.tail)):
+        leaving.setdefault((int(t.tail[e]), int(t.tail_sense[e])), []).append(e)
+    return leaving
+
+
 def _forbidden(
     k: int, centre: FloatArray, radius: FloatArray, bounds: FloatArray
 ) -> list[tuple[float, float]]:
-    """Angles (middle, half width) of circle k's rim that lie in another circle or out of bounds."""
+    """Spans (middle, half width), rad, of circle k that lie in another circle or out of bounds."""
     spans: list[tuple[float, float]] = []
     for j in range(2, len(radius)):
         away = centre[j] - centre[k]
@@ -90,6 +121,7 @@ def _forbidden(
             return [(0.0, math.pi)]
         if d <= radius[k] - radius[j]:
             continue
+        # Law of cosines: half the angle under which the two intersections are seen.
         cosine = (d * d + radius[k] ** 2 - radius[j] ** 2) / (2.0 * d * radius[k])
         spans.append((math.atan2(away[1], away[0]), math.acos(min(1.0, max(-1.0, cosine)))))
     walls = (
@@ -105,7 +137,7 @@ def _forbidden(
 
 
 def _arc_free(spans: list[tuple[float, float]], first: float, sense: int, sweep: float) -> bool:
-    """Whether the arc from angle ``first`` over ``sweep`` >= 0 in ``sense`` meets no span."""
+    """Whether an arc from angle ``first`` over ``sweep`` >= 0, in a sense, meets no span."""
     middle = first + 0.5 * sense * sweep
     for angle, half in spans:
         off = abs((angle - middle + math.pi) % _TURN - math.pi)
@@ -125,14 +157,26 @@ def exact_path(
     turning_weight: float = 0.35,
     arc_step_rad: float = 0.02,
 ) -> ExactPath | None:
-    """Best path among discs (K, 3) from start (2,) to goal (2,); None if there is none."""
+    """Find the path of least J among discs.
+
+    Args:
+        discs: (K, 3) x, y, radius, m, map frame.
+        bounds: (4,) x_min, y_min, x_max, y_max, m, map frame; no point of the path lies outside.
+        start: (>= 2,) x, y, m, map frame.
+        goal: (>= 2,) x, y, m, map frame.
+        safe_m: Distance that the path keeps from every disc, m.
+        length_weight: w1, cost of a metre.
+        turning_weight: w2, cost of a radian.
+        arc_step_rad: Angle between the samples of an arc, rad.
+
+    Returns:
+        The best path; None if start and goal are not connected.
+    """
     discs = np.asarray(discs, dtype=np.float64).reshape(-1, 3)
     centre = np.vstack([start[:2], goal[:2], discs[:, :2]])
     radius = np.concatenate([[0.0, 0.0], discs[:, 2] + safe_m])
     t = _tangents(centre, radius, np.asarray(bounds, dtype=np.float64))
-    leaving: dict[tuple[int, int], list[int]] = {}
-    for e in range(len(t.tail)):
-        leaving.setdefault((int(t.tail[e]), int(t.tail_sense[e])), []).append(e)
+    leaving = _leaving(t)
     length = np.hypot(*(t.b - t.a).T)
     best = np.full(len(length), np.inf)
     parent = np.full(len(length), -1)
@@ -151,6 +195,7 @@ def exact_path(
             return _unroll(t, parent, e, cost, centre, radius, arc_step_rad)
         for f in leaving.get((k, sense), []):
             sweep = (sense * (t.heading[f] - t.heading[e])) % _TURN
+            # Rounding can turn an arc of no length into a full turn.
             sweep = 0.0 if sweep > _TURN - 1e-9 else sweep
             total = cost + (length_weight * radius[k] + turning_weight) * sweep
             total += length_weight * length[f]
@@ -170,7 +215,7 @@ def _unroll(
     radius: FloatArray,
     arc_step: float,
 ) -> ExactPath:
-    """Follow the parents back from the last tangent; sample the arcs on the way."""
+    """Follow the parents back from the last tangent and sample the arcs in between."""
     chain = [last]
     while parent[chain[-1]] >= 0:
         chain.append(int(parent[chain[-1]]))

@@ -1,7 +1,7 @@
 """CMA-ES (Hansen 2016) by the library ``cma``, on the coded waypoints of the other metaheuristics.
 
-It begins about the cheapest of the same first population; where it has converged, it begins again
-about the next cheapest, with a doubled population (IPOP), until the budget is spent.
+It starts at the cheapest member of the same first population. Each time it has converged it
+restarts at the next cheapest with a doubled population (IPOP), until the budget is spent.
 """
 
 from __future__ import annotations
@@ -16,37 +16,50 @@ from simloop.messages import FloatArray, WorldView
 from simloop.planners.metaheuristics.codings import PathObjective, make_coding
 from simloop.planners.metaheuristics.seeds import seeded
 from simloop.planners.problem.clearance import Problem
-from simloop.planners.reference.reference import Reference, library
+from simloop.planners.reference.reference import Reference, import_library
 from simloop.planners.splitmix import make_state
 
 POINTS = 8
-_SIGMA = 0.02
-"""First step, in sides of the box."""
+"""Waypoints between start and goal."""
+_SIGMA = 0.02  # first standard deviation, in sides of the box
 
 
 class CmaEs(Reference):
-    """Counts one trial a path evaluated, and what the first population's routes took; that one is
-    always looked at, however small the budget."""
+    """CMA-ES with restarts.
+
+    Trials are the evaluated paths and those that the routes of the first population took. The
+    first population is always evaluated, however small the budget.
+    """
 
     name = "cma"
     points: ClassVar[int] = POINTS
 
     def __init__(self, config: PlannerConfig, vehicle: VehicleConfig) -> None:
         super().__init__(config, vehicle)
-        self._cma = library("cma", self.name)
+        self._cma = import_library("cma", self.name)
 
     def route(self, world: WorldView, p: Problem, rng: np.random.Generator) -> FloatArray | None:
-        """The best path evaluated, safe or not."""
+        """Search the path of least cost.
+
+        Args:
+            world: The world view.
+            p: The planning problem in that view; trials are counted in ``p.trials``.
+            rng: Source of all randomness.
+
+        Returns:
+            (n, 2) waypoints of the best path evaluated, m, map frame; it may be unsafe.
+        """
         coding = make_coding(p, "box", self.points)
         objective = PathObjective(p, coding)
         end = int(p.trials[0]) + self._config.max_evaluations
         first = seeded(p, coding, self._config.learners, make_state(rng))
+        # The first population is evaluated in any case.
         end = max(end, int(p.trials[0]) + self._config.learners)
         costs = _costs(objective, first)
         best_x, best = first[np.argmin(costs)], float(costs.min())
         starts, size = np.argsort(costs, kind="mergesort"), 0
         width = objective.high - objective.low
-        for begun in range(len(starts)):
+        for restart in range(len(starts)):
             if int(p.trials[0]) >= end:
                 break
             options = {
@@ -56,7 +69,7 @@ class CmaEs(Reference):
                 "verbose": -9,
                 **({"popsize": size} if size else {}),
             }
-            start = np.clip(first[starts[begun]], objective.low, objective.high)
+            start = np.clip(first[starts[restart]], objective.low, objective.high)
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 search = self._cma.CMAEvolutionStrategy(start, _SIGMA, options)
@@ -64,6 +77,7 @@ class CmaEs(Reference):
             while not search.stop():
                 asked = np.array(search.ask())
                 left = end - int(p.trials[0])
+                # A generation that the budget does not cover is not evaluated.
                 if left < len(asked):
                     p.trials[0] = end
                     break
@@ -75,6 +89,7 @@ class CmaEs(Reference):
 
 
 def _costs(objective: PathObjective, x: FloatArray) -> FloatArray:
+    """(n,) costs of coded paths (n, d)."""
     out = np.empty(len(x))
     objective.costs(np.ascontiguousarray(x), out, np.full(len(x), np.inf))
     return out

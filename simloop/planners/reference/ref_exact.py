@@ -1,8 +1,6 @@
-"""The exact optimum among discs as a planner: see `simloop.planners.reference.exact`."""
+"""The exact optimum among discs as a planner; see `simloop.planners.reference.exact`."""
 
 from __future__ import annotations
-
-from typing import ClassVar
 
 import numpy as np
 
@@ -15,13 +13,25 @@ _ARC_STEP_RAD = 0.01
 
 
 class Exact(Reference):
-    """Tangent graph and Dijkstra. Its arcs are chords about discs grown by a chord's sag more."""
+    """Tangent graph and Dijkstra's algorithm, with arcs sampled as chords.
+
+    A chord cuts into its circle by the sag R step^2 / 8. The discs are grown by the largest sag,
+    so that the chords keep the safe distance.
+    """
 
     name = "exact"
-    worlds: ClassVar[tuple[str, ...]] = ("discs",)
 
     def route(self, world: WorldView, p: Problem, rng: np.random.Generator) -> FloatArray | None:
-        """Counts one trial a solution: nothing is searched at random."""
+        """Find the path of least J; counts one trial, because nothing is searched at random.
+
+        Args:
+            world: The world view.
+            p: The planning problem in that view.
+            rng: Not used.
+
+        Returns:
+            (n, 2) waypoints from start to goal, m, map frame; None if no path exists.
+        """
         p.trials[0] += 1
         discs = p.discs.T.copy()
         widest = float(p.discs[2].max()) + p.safe_m if len(discs) else 0.0

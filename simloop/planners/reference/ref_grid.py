@@ -1,8 +1,9 @@
-"""Shortest ways on a lattice: A* (Hart, Nilsson, Raphael 1968) and Theta* (Nash et al. 2007).
+"""Shortest paths on a lattice: A* (Hart, Nilsson, Raphael 1968) and Theta* (Nash et al. 2007).
 
-The lattice is laid so that the start is one of its nodes; the goal is one more, joined to the nodes
-about it. Edges go to the eight neighbours, and are checked along their whole length. Theta* also
-tries to reach a node straight from its parent's parent, and so finds ways at any angle.
+The lattice is placed so that the start is one of its nodes. The goal is an extra node, connected
+to the nodes around it. Edges lead to the eight neighbours and are checked along their whole
+length. Theta* also tries to reach a node straight from its parent's parent, so its paths may
+have any angle.
 """
 
 from __future__ import annotations
@@ -21,14 +22,21 @@ from simloop.planners.problem.objective import make_stack
 from simloop.planners.reference.reference import Reference
 
 NODES = 40_000
-"""About how many nodes the lattice has: its spacing follows from the space."""
-_NEAR_GOAL = 1.5  # spacings within which a node is joined to the goal
+"""Approximate number of nodes; the spacing follows from it and the area."""
+_NEAR_GOAL = 1.5  # spacings within which a node is connected to the goal
 _DX = (1, 1, 0, -1, -1, -1, 0, 1)
 _DY = (0, 1, 1, 1, 0, -1, -1, -1)
 
 
 def spacing(p: Problem) -> float:
-    """Distance of neighbouring nodes, m."""
+    """Distance between neighbouring nodes.
+
+    Args:
+        p: The planning problem.
+
+    Returns:
+        Spacing along x and y, m, so that about `NODES` nodes fill the box.
+    """
     low_x, high_x = min(p.low_x, p.start_x, p.goal_x), max(p.high_x, p.start_x, p.goal_x)
     low_y, high_y = min(p.low_y, p.start_y, p.goal_y), max(p.high_y, p.start_y, p.goal_y)
     return math.sqrt(max((high_x - low_x) * (high_y - low_y), 1e-12) / NODES)
@@ -38,16 +46,14 @@ def spacing(p: Problem) -> float:
 def _clear(
     p: Problem, ax: float, ay: float, bx: float, by: float, ends: FloatArray, stack: FloatArray
 ) -> bool:
+    """Whether a segment from a to b keeps the safe distance; ends (2, 2) and stack are scratch."""
     ends[0, 0], ends[0, 1], ends[1, 0], ends[1, 1] = ax, ay, bx, by
     return is_clear(p, ends[0], ends[1], stack)
 
 
 @njit(cache=True)
-def shortest_way(p: Problem, step: float, any_angle: bool, stack: FloatArray) -> FloatArray:
-    """Waypoints (n, 2) of the shortest way from start to goal; (0, 2) if there is none.
-
-    The goal's node has the last number. Lengths are exact, so the straight line's is a lower bound.
-    """
+def _lattice(p: Problem, step: float) -> tuple[FloatArray, FloatArray, int, int]:
+    """x and y of all nodes, row by row, and of the goal; number of columns; the start's node."""
     low_x, low_y = min(p.low_x, p.start_x, p.goal_x), min(p.low_y, p.start_y, p.goal_y)
     high_x, high_y = max(p.high_x, p.start_x, p.goal_x), max(p.high_y, p.start_y, p.goal_y)
     left, down = int((p.start_x - low_x) / step), int((p.start_y - low_y) / step)
@@ -59,13 +65,33 @@ def shortest_way(p: Problem, step: float, any_angle: bool, stack: FloatArray) ->
         x[k] = p.start_x + (k % cols - left) * step
         y[k] = p.start_y + (k // cols - down) * step
     x[count], y[count] = p.goal_x, p.goal_y
+    return x, y, cols, down * cols + left
+
+
+@njit(cache=True)
+def shortest_path(p: Problem, step: float, any_angle: bool, stack: FloatArray) -> FloatArray:
+    """Search the shortest path over the lattice (A*, or Theta* at any angle).
+
+    Args:
+        p: The planning problem.
+        step: Distance between neighbouring nodes, m.
+        any_angle: Whether a node may be reached straight from its parent's parent (Theta*).
+        stack: Scratch for the clearance check, see `make_stack`.
+
+    Returns:
+        (n, 2) waypoints from start to goal, m, map frame; (0, 2) if there is no path.
+    """
+    x, y, cols, first = _lattice(p, step)
+    count = x.size - 1  # also the number of the goal's node, the last one
+    rows = count // cols
     far, parent = np.full(count + 1, np.inf), np.full(count + 1, -1, dtype=np.int64)
     closed, ends = np.zeros(count + 1, dtype=np.bool_), np.empty((2, 2))
-    first = down * cols + left
     far[first], parent[first] = 0.0, first
+    # The straight distance to the goal never exceeds the true one: the first path is the shortest.
     queue = [(math.hypot(p.goal_x - p.start_x, p.goal_y - p.start_y), first)]
     while len(queue) > 0:
         _, k = heapq.heappop(queue)
+        # A node is pushed again when a shorter path to it is found; older entries are skipped.
         if closed[k]:
             continue
         closed[k] = True
@@ -86,6 +112,7 @@ def shortest_way(p: Problem, step: float, any_angle: bool, stack: FloatArray) ->
                 continue
             from_k = far[k] + math.hypot(x[j] - x[k], y[j] - y[k])
             source = k
+            # Theta*: skip the parent if its own parent sees the node, which is never longer.
             if any_angle:
                 above = parent[k]
                 from_above = far[above] + math.hypot(x[j] - x[above], y[j] - y[above])
@@ -104,6 +131,7 @@ def shortest_way(p: Problem, step: float, any_angle: bool, stack: FloatArray) ->
 
 @njit(cache=True)
 def _unwind(x: FloatArray, y: FloatArray, parent: FloatArray, first: int, last: int) -> FloatArray:
+    """The nodes' positions (n, 2) from the first to the last node, along the parents."""
     count, k = 1, last
     while k != first:
         k = parent[k]
@@ -116,19 +144,28 @@ def _unwind(x: FloatArray, y: FloatArray, parent: FloatArray, first: int, last: 
 
 
 class GridAStar(Reference):
-    """Shortest among ways along the lattice's edges."""
+    """The shortest path along the lattice's edges."""
 
     name = "astar"
     any_angle: ClassVar[bool] = False
 
     def route(self, world: WorldView, p: Problem, rng: np.random.Generator) -> FloatArray | None:
-        """A trial is one edge or line of sight."""
-        way = shortest_way(p, spacing(p), self.any_angle, make_stack())
-        return way if len(way) else None
+        """Search the lattice; a trial is one edge or one line of sight.
+
+        Args:
+            world: The world view.
+            p: The planning problem in that view; trials are counted in ``p.trials``.
+            rng: Not used.
+
+        Returns:
+            (n, 2) waypoints from start to goal, m, map frame; None if no path exists.
+        """
+        path = shortest_path(p, spacing(p), self.any_angle, make_stack())
+        return path if len(path) else None
 
 
 class ThetaStar(GridAStar):
-    """Any angle: a good way, if not always the shortest."""
+    """A short path at any angle; it is not always the shortest."""
 
     name = "theta_star"
     any_angle = True

@@ -1,8 +1,8 @@
 """Informed RRT* (Gammell 2014) and BIT* (Gammell 2015) by the library OMPL, minimising length.
 
-The library stops by the clock as a rule; here it stops when its account of motions and states
-checked is full, so that a plan is the same on any machine. Its random numbers hang on one seed of
-the whole process, which is set anew for each plan.
+OMPL usually stops by the clock. Here it stops after a number of checked motions and states, so
+that a plan is the same on every machine. Its random numbers depend on one seed of the whole
+process, which is set again for each plan.
 """
 
 from __future__ import annotations
@@ -16,24 +16,33 @@ from simloop.messages import FloatArray, WorldView
 from simloop.planners.problem.bends import is_clear
 from simloop.planners.problem.clearance import Problem
 from simloop.planners.problem.objective import make_stack
-from simloop.planners.reference.reference import Reference, library
+from simloop.planners.reference.reference import Reference, import_library
 
 
 class InformedRrtStar(Reference):
-    """A trial is a motion or a state checked."""
+    """OMPL's Informed RRT*; a trial is one checked motion or state."""
 
     name = "informed_rrt_star"
     method: ClassVar[str] = "InformedRRTstar"
 
     def __init__(self, config: PlannerConfig, vehicle: VehicleConfig) -> None:
         super().__init__(config, vehicle)
-        self._base = library("ompl.base", self.name)
-        self._geometric = library("ompl.geometric", self.name)
-        self._util = library("ompl.util", self.name)
+        self._base = import_library("ompl.base", self.name)
+        self._geometric = import_library("ompl.geometric", self.name)
+        self._util = import_library("ompl.util", self.name)
         self._motions = _motions(self._base)
 
     def route(self, world: WorldView, p: Problem, rng: np.random.Generator) -> FloatArray | None:
-        """The best path when the account is full, or None."""
+        """Search until the budget of trials is used up.
+
+        Args:
+            world: The world view.
+            p: The planning problem in that view; trials are counted in ``p.trials``.
+            rng: Source of the seed.
+
+        Returns:
+            (n, 2) waypoints of the best path, m, map frame; None if none reaches the goal.
+        """
         base = self._base
         self._util.setLogLevel(self._util.LOG_NONE)
         self._util.RNG.setSeed(int(rng.integers(1, 2**31)))
@@ -56,11 +65,10 @@ class InformedRrtStar(Reference):
         if not task.hasExactSolution():
             return None
         states = task.getSolutionPath().getStates()
-        path = np.array([[state[0], state[1]] for state in states])
-        return path
+        return np.array([[state[0], state[1]] for state in states])
 
     def _space(self, p: Problem) -> Any:
-        """The plane between the bounds, start and goal included."""
+        """The plane within the bounds, extended to start and goal."""
         space, bounds = self._base.RealVectorStateSpace(2), self._base.RealVectorBounds(2)
         sides = ((p.low_x, p.high_x, p.start_x, p.goal_x), (p.low_y, p.high_y, p.start_y, p.goal_y))
         for axis, (low, high, start, goal) in enumerate(sides):
@@ -71,14 +79,17 @@ class InformedRrtStar(Reference):
 
 
 class BitStar(InformedRrtStar):
-    """Batch informed trees."""
+    """OMPL's BIT* (batch informed trees)."""
 
     name = "bit_star"
     method = "BITstar"
 
 
 def _motions(base: Any) -> Any:
-    """The planners' own clearance check in OMPL's form; its class can only be made once OMPL is."""
+    """OMPL's motion validator by the planners' own clearance check.
+
+    The class is made here because its base is only known once OMPL is imported.
+    """
 
     class Motions(base.MotionValidator):  # type: ignore[misc, name-defined]
         def __init__(self, info: Any, p: Problem) -> None:

@@ -1,16 +1,16 @@
 """Visibility graph among polygons and discs, each grown by the safe distance (Lozano-Perez 1979).
 
-A grown shape's round parts become the corners of circumscribed polygons, so that a way about them
-keeps the safe distance. The best way from start to goal is a chain of edges that see each other's
-ends; since J has turning in it, Dijkstra runs over directed edges, not over corners. With finer
-corners the chain tends to the exact optimum, among polygons too.
+The round parts of a grown shape are replaced by circumscribed polygons, so that a path around their
+corners keeps the safe distance. The best path from start to goal is a chain of edges between
+corners that see each other. J contains turning, so Dijkstra's algorithm runs over directed edges
+and not over corners. With more corners the path converges to the exact optimum.
 """
 
 from __future__ import annotations
 
 import heapq
 import math
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -23,14 +23,19 @@ from simloop.planners.problem.objective import make_stack
 from simloop.planners.reference.reference import Reference
 
 CORNERS = 96
-"""How many corners a whole circle gets."""
-_OUT = 1e-6  # a hair of room, in radii, so that an edge along a grown side is seen
+"""Number of corners of a whole circle."""
+# The corners lie outside the shape by this share of the radius. Without it rounding would hide the
+# edges that run along the side of a grown shape.
+_OUT = 1e-6
 
 
 class Corners(NamedTuple):
-    """at: (N, 2) nodes; before, after: (N, 2) what precedes and follows each on its own ring.
+    """Nodes of the graph. Start and goal come first and are their own neighbours.
 
-    The ends of the way come first, and stand for their own neighbours.
+    Attributes:
+        at: (N, 2) positions, m, map frame.
+        before: (N, 2) position of the node before on the same shape, m, map frame.
+        after: (N, 2) position of the node after on the same shape, m, map frame.
     """
 
     at: FloatArray
@@ -39,8 +44,14 @@ class Corners(NamedTuple):
 
 
 def grown_corners(p: Problem) -> Corners:
-    """Start, goal, and the corners of the grown shapes that no other covers and that lie in the
-    bounds."""
+    """Start, goal, and the corners of the grown shapes.
+
+    Args:
+        p: The planning problem.
+
+    Returns:
+        The nodes; corners that another shape covers, or that are out of bounds, are left out.
+    """
     rings = [np.array([[p.start_x, p.start_y]]), np.array([[p.goal_x, p.goal_y]])]
     for x, y, r in p.discs.T:
         rings.append(_arc(x, y, r + p.safe_m, 0.0, 2.0 * math.pi))
@@ -49,6 +60,7 @@ def grown_corners(p: Problem) -> Corners:
         last = int(p.corners[first, 2])
         corners = p.corners[first:last, :2]
         edges = np.roll(corners, -1, axis=0) - corners
+        # A corner becomes an arc from the normal of the edge before to that of the edge after.
         normal = np.arctan2(-edges[:, 0], edges[:, 1])
         arcs = [
             _arc(x, y, p.safe_m, before, before + (after - before) % (2.0 * math.pi))
@@ -67,7 +79,7 @@ def grown_corners(p: Problem) -> Corners:
 
 
 def _arc(x: float, y: float, radius: float, first: float, last: float) -> FloatArray:
-    """Corners of the tangents to an arc, which touch it at its two ends and evenly in between."""
+    """Corners (n, 2) of the polygon around an arc that touches it at both ends and in between."""
     count = max(1, math.ceil((last - first) / (2.0 * math.pi) * CORNERS))
     half = 0.5 * (last - first) / count
     angles = first + half * (2.0 * np.arange(count) + 1.0)
@@ -77,7 +89,7 @@ def _arc(x: float, y: float, radius: float, first: float, last: float) -> FloatA
 
 @njit(cache=True)
 def _touches(corners: Corners, k: int, dx: float, dy: float) -> bool:
-    """Whether a line along (dx, dy) through node k leaves its ring on one side."""
+    """Whether a line along (dx, dy) through node k has its shape on one side only."""
     ax, ay = corners.before[k] - corners.at[k]
     bx, by = corners.after[k] - corners.at[k]
     slack = 1e-9 * (abs(dx) + abs(dy))
@@ -89,9 +101,19 @@ def _touches(corners: Corners, k: int, dx: float, dy: float) -> bool:
 def visible_edges(
     p: Problem, corners: Corners, stack: FloatArray
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Pairs tail, head of nodes that see each other, both ways, where the line touches both rings:
-    no other is part of a best way."""
-    tail, head = [0], [0]
+    """Directed edges between nodes that see each other.
+
+    Only lines that touch both shapes are kept: no other edge can be part of a best path.
+
+    Args:
+        p: The planning problem.
+        corners: The nodes.
+        stack: Scratch for the clearance check, see `make_stack`.
+
+    Returns:
+        (E,) node that each edge leaves, (E,) node that it reaches.
+    """
+    tail, head = [0], [0]  # a first entry, dropped below, tells numba the type
     for i in range(len(corners.at)):
         for j in range(i + 1, len(corners.at)):
             dx, dy = corners.at[j] - corners.at[i]
@@ -112,7 +134,18 @@ def best_chain(
     length_weight: float,
     turning_weight: float,
 ) -> list[int] | None:
-    """Nodes of the chain of least w1 S + w2 Theta from node 0 to node 1; None if there is none."""
+    """Chain of nodes of least J = w1 S + w2 Theta from node 0 to node 1.
+
+    Args:
+        nodes: (N, 2) positions, m, map frame.
+        tail: (E,) node that each edge leaves.
+        head: (E,) node that it reaches.
+        length_weight: w1, cost of a metre.
+        turning_weight: w2, cost of a radian.
+
+    Returns:
+        Indices of the nodes, 0 first and 1 last; None if they are not connected.
+    """
     step = nodes[head] - nodes[tail]
     length = np.hypot(step[:, 0], step[:, 1])
     heading = np.arctan2(step[:, 1], step[:, 0])
@@ -127,6 +160,7 @@ def best_chain(
         cost, e = heapq.heappop(queue)
         if cost > best[e]:
             continue
+        # The first edge that is settled at the goal ends the cheapest chain.
         if head[e] == 1:
             chain = [1]
             edge = e
@@ -144,13 +178,21 @@ def best_chain(
 
 
 class VisibilityGraph(Reference):
-    """The whole graph, then Dijkstra."""
+    """Builds the whole graph, then runs Dijkstra's algorithm on it."""
 
     name = "visibility"
-    worlds: ClassVar[tuple[str, ...]] = ("discs", "polygons")
 
     def route(self, world: WorldView, p: Problem, rng: np.random.Generator) -> FloatArray | None:
-        """A trial is one line of sight."""
+        """Find the path of least J; a trial is one line of sight.
+
+        Args:
+            world: The world view.
+            p: The planning problem in that view; trials are counted in ``p.trials``.
+            rng: Not used.
+
+        Returns:
+            (n, 2) waypoints from start to goal, m, map frame; None if no path exists.
+        """
         corners = grown_corners(p)
         tail, head = visible_edges(p, corners, make_stack())
         chain = best_chain(corners.at, tail, head, p.length_weight, p.turning_weight)

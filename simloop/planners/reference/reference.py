@@ -1,7 +1,7 @@
-"""What the reference planners share: methods outside the papers, against which theirs are measured.
+"""Base class of the reference planners: methods from outside the papers, used for comparison.
 
-They keep the planners' one protocol and the same account (J, clearance along every segment); most
-of them minimise length alone, which is what their own definition says.
+They follow the same protocol as all planners and get the same account (J, clearance along every
+segment). Most of them minimise length alone, as their own definition says.
 """
 
 from __future__ import annotations
@@ -9,27 +9,31 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from simloop.common.errors import InputError
 from simloop.messages import FloatArray, WorldView
 from simloop.planners.problem.clearance import Problem
-from simloop.planners.reactive.rollout import Walk, WalkingPlanner
-
-WORLDS = ("discs", "polygons", "field")
-
-
-def kind_of(world: WorldView) -> str:
-    """Which of `WORLDS` a view is: the richest that it holds."""
-    if world.distance_m.size:
-        return "field"
-    return "polygons" if len(world.polygons_m) else "discs"
+from simloop.planners.protocol import kind_of
+from simloop.planners.reactive.rollout import Rollout, RolloutPlanner
+from simloop.planners.registry import info
 
 
-def library(name: str, planner: str) -> Any:
-    """An optional library; where it is missing, one line says how to get it."""
+def import_library(name: str, planner: str) -> Any:
+    """Import a module of an optional library.
+
+    Args:
+        name: Module to import.
+        planner: Name of the planner that needs it, for the error message.
+
+    Returns:
+        The module.
+
+    Raises:
+        InputError: The library is not installed; the message says how to install it.
+    """
     try:
         return importlib.import_module(name)
     except ImportError:
@@ -39,28 +43,39 @@ def library(name: str, planner: str) -> Any:
         ) from None
 
 
-class Reference(WalkingPlanner):
-    """A subclass finds a `route`."""
+class Reference(RolloutPlanner):
+    """A planner whose subclasses find a `route`; without one its plan is the straight line.
 
-    worlds: ClassVar[tuple[str, ...]] = WORLDS
-    """The kinds of world it has an answer for; a field's discs stand for it elsewhere. Where it
-    finds nothing its plan is the straight line."""
+    A view of a kind that the registry does not list for the planner is replaced by its discs, if
+    it holds any.
+    """
 
-    def _seen(self, world: WorldView) -> WorldView:
-        if kind_of(world) not in self.worlds and len(world.discs_xyr_m):
-            # What the cells hold is there as discs too, a little larger.
+    def _usable_view(self, world: WorldView) -> WorldView:
+        if kind_of(world) not in info(self.name).worlds and len(world.discs_xyr_m):
+            # The view's discs cover the same obstacles as its cells, slightly enlarged.
             return replace(world, distance_m=np.zeros((0, 0), np.float32))
         return world
 
-    def _walker(self, world: WorldView, rng: np.random.Generator) -> Callable[[Problem, int], Walk]:
-        def walk(p: Problem, attempt: int) -> Walk:
+    def _make_rollout(
+        self, world: WorldView, rng: np.random.Generator
+    ) -> Callable[[Problem, int], Rollout]:
+        def solve(p: Problem, attempt: int) -> Rollout:
             before = int(p.trials[0])
-            found = self.route(world, p, rng) if kind_of(world) in self.worlds else None
+            found = self.route(world, p, rng) if kind_of(world) in info(self.name).worlds else None
             straight = np.array([[p.start_x, p.start_y], [p.goal_x, p.goal_y]])
-            return Walk(straight if found is None else found, True, int(p.trials[0]) - before)
+            return Rollout(straight if found is None else found, True, int(p.trials[0]) - before)
 
-        return walk
+        return solve
 
     def route(self, world: WorldView, p: Problem, rng: np.random.Generator) -> FloatArray | None:
-        """Waypoints (n, 2) from start to goal, or None; what is tried is counted in p.trials."""
+        """Find a path from start to goal.
+
+        Args:
+            world: The world view.
+            p: The planning problem in that view; trials are counted in ``p.trials``.
+            rng: Source of all randomness.
+
+        Returns:
+            (n, 2) waypoints from start to goal, m, map frame; None if no path was found.
+        """
         raise NotImplementedError

@@ -1,14 +1,14 @@
-"""A polyline coded as the lines of its segments: the subjects that a class learns.
+"""A polyline coded as the lines of its segments: the subjects that a class of learners learns.
 
-Waypoints are poor subjects once a path is taut. A polygon about an obstacle touches it with every
-segment, so that hardly any move of a single waypoint, and hardly any mixture of two polygons'
-waypoints, stays clear. A line that rolls about what it touches does. So a learner holds by how
-much the headings and offsets of the lines differ from a path's that was coded; a line rolls on
-the circle that osculates what it touches, and mixtures of rolled lines are again clear (exactly
-so about a round obstacle).
+Once a path is taut, waypoints make poor subjects. A polygon about an obstacle touches it with
+every segment. Hardly any move of a single waypoint stays clear then, and hardly any mixture of the
+waypoints of two polygons. A line that rolls about what it touches does stay clear. So a learner
+holds by how much the headings and offsets of the lines differ from those of the path that was
+coded. A line rolls on the circle that osculates what it touches, and mixtures of rolled lines are
+clear again (exactly so about a round obstacle).
 
 Line i runs from waypoint i to i + 1. With heading t it passes through
-centre - (radius + offset) n, where n = (-sin t, cos t) is its left normal; the radius is positive
+centre - (radius + offset) n, where n = (-sin t, cos t) is its left normal. The radius is positive
 where the obstacle is on the left. The first line turns about the start, the last about the goal.
 """
 
@@ -42,11 +42,16 @@ CORRIDOR_M = 1.0
 class Lines(NamedTuple):
     """A coded path: arrays of `MAX_POINTS`, one entry a line.
 
-    point (., 2): the waypoints, m. centre (., 2) m; radius m, signed;
-    heading rad; cos, sin of it; turn
-    from the line before, rad.
-    free: the numbers of the lines that may move, in order. spread (., 2): by how much the heading
-    and the offset of each free line are drawn, rad and m.
+    Attributes:
+        point: (., 2) the waypoints that were coded, in map, m.
+        centre: (., 2) the point that a line turns or rolls about, in map, m.
+        radius: Radius of the circle that it rolls on, signed, m.
+        cos: Cosine of its heading as coded.
+        sin: Sine of its heading as coded.
+        turn: Turn from the line before, rad.
+        free: Numbers of the lines that may move, in order.
+        spread: (., 2) by how much the heading and the offset of each free line are drawn, rad and
+            m.
     """
 
     point: FloatArray
@@ -60,7 +65,11 @@ class Lines(NamedTuple):
 
 
 def make_lines() -> Lines:
-    """Room for a path of `MAX_POINTS`."""
+    """Make room for a coded path of `MAX_POINTS`.
+
+    Returns:
+        The arrays, all zero.
+    """
     n = MAX_POINTS
     return Lines(
         point=np.zeros((n, 2)),
@@ -74,13 +83,32 @@ def make_lines() -> Lines:
     )
 
 
+@njit(cache=True, forceinline=True)
+def _turned(x: float, y: float, angle: float) -> tuple[float, float]:
+    """A vector turned by a small angle: cosine and sine to 1e-8, far quicker than the library's."""
+    a = angle * angle
+    c = 1.0 - 0.5 * a * (1.0 - a / 12.0 * (1.0 - a / 30.0))
+    s = angle * (1.0 - a / 6.0 * (1.0 - a / 20.0 * (1.0 - a / 42.0)))
+    return c * x - s * y, s * x + c * y
+
+
 @njit(cache=True)
 def decode(
     p: Problem, lines: Lines, subject: FloatArray, free: int, m: int, path: FloatArray
 ) -> float:
-    """Waypoints path[:m] of a learner's subject (>= free, 2), and its turning, rad.
+    """Compute the waypoints of a learner's subject.
 
-    Negative if the lines do not meet in their order, or meet outside the waypoints' box.
+    Args:
+        p: The problem.
+        lines: The coded path.
+        subject: (>= free, 2) by how much each free line's heading and offset differ, rad and m.
+        free: How many lines may move.
+        m: How many waypoints the path has.
+        path: (>= m, 2) takes the waypoints, m.
+
+    Returns:
+        The path's turning, rad; negative if the lines do not meet in their order, or meet outside
+        the waypoints' box or the corridor.
     """
     path[0, 0], path[0, 1] = p.start_x, p.start_y
     path[m - 1, 0], path[m - 1, 1] = p.goal_x, p.goal_y
@@ -95,22 +123,18 @@ def decode(
             shift += subject[at, 1]
             if abs(swung) > _MOST_SWUNG_RAD:
                 return -1.0
-            # Cosine and sine to 1e-8, far quicker than the library's.
-            a = swung * swung
-            c = 1.0 - 0.5 * a * (1.0 - a / 12.0 * (1.0 - a / 30.0))
-            s = swung * (1.0 - a / 6.0 * (1.0 - a / 20.0 * (1.0 - a / 42.0)))
-            vx, vy = c * vx - s * vy, s * vx + c * vy
+            vx, vy = _turned(vx, vy, swung)
             at += 1
         wx = lines.centre[i, 0] + shift * vy
         wy = lines.centre[i, 1] - shift * vx
-        if i > 0:
+        if i > 0:  # the waypoint is where this line meets the one before
             turning += abs(lines.turn[i] + swung - swung_before)
             cross = ux * vy - uy * vx
             if abs(cross) < _LEAST_CROSS:
                 return -1.0
             t = ((wx - qx) * vy - (wy - qy) * vx) / cross
             x, y = qx + t * ux, qy + t * uy
-            # Written so that a NaN is refused, too.
+            # Written so that a NaN is refused as well.
             if not (p.low_x <= x <= p.high_x and p.low_y <= y <= p.high_y):
                 return -1.0
             if (
@@ -118,6 +142,7 @@ def decode(
                 and abs(x - lines.point[i, 0]) + abs(y - lines.point[i, 1]) > CORRIDOR_M
             ):
                 return -1.0
+            # The lines have to meet in their order.
             if (x - path[i - 1, 0]) * ux + (y - path[i - 1, 1]) * uy < 0.0:
                 return -1.0
             path[i, 0], path[i, 1] = x, y
@@ -129,7 +154,7 @@ def decode(
 
 @njit(cache=True)
 def _contact(p: Problem, a: FloatArray, b: FloatArray) -> float:
-    """Where on the way from a to b (0 to 1) the clearance is least: samples, then thirds."""
+    """Where on the way from a to b (0 to 1) the clearance is least: by samples, then by thirds."""
     best, at = np.inf, 0.5
     for k in range(_SAMPLES + 1):
         t = k / _SAMPLES
@@ -153,7 +178,7 @@ def _contact(p: Problem, a: FloatArray, b: FloatArray) -> float:
 def _rolled_lack(
     p: Problem, a: FloatArray, b: FloatArray, t: float, angle: float, stack: FloatArray
 ) -> float:
-    """What the segment a-b lacks in clearance once turned by ``angle`` about its part t, m."""
+    """What the segment a-b lacks in clearance after a turn by ``angle`` about its part t, m."""
     c, s = math.cos(angle), math.sin(angle)
     dx, dy = b[0] - a[0], b[1] - a[1]
     ex, ey = c * dx - s * dy, s * dx + c * dy
@@ -167,7 +192,7 @@ def _rolled_lack(
 
 @njit(cache=True)
 def _lay(p: Problem, path: FloatArray, m: int, lines: Lines) -> None:
-    """The lines as they are, none of which rolls yet."""
+    """Write the lines as they are; none of them rolls yet."""
     copy_path(path, m, lines.point)
     for i in range(m - 1):
         dx, dy = path[i + 1, 0] - path[i, 0], path[i + 1, 1] - path[i, 1]
@@ -186,12 +211,21 @@ def _lay(p: Problem, path: FloatArray, m: int, lines: Lines) -> None:
 
 @njit(cache=True)
 def encode(p: Problem, path: FloatArray, m: int, lines: Lines, stack: FloatArray) -> int:
-    """Code path[:m], of which no two neighbours coincide. How many of its lines may move.
+    """Code a path as lines, and decide which of them may move.
 
-    A line that touches nothing may move inwards. One that touches one thing only, between two
-    turns to the same side, may roll: turned a little about its contact, it lacks what a circle
-    of modest radius would make it lack. Where the path
-    is not safe, every line may move.
+    A line that touches nothing may move inwards. A line that touches one thing only, between two
+    turns to the same side, may roll if, turned a little about its contact, it lacks no more than a
+    circle of modest radius would make it lack. Where the path is not safe, every line may move.
+
+    Args:
+        p: The problem.
+        path: (>= m, 2) waypoints, no two neighbours at the same place, m.
+        m: How many of them count.
+        lines: Takes the coded path.
+        stack: Scratch.
+
+    Returns:
+        How many lines may move.
     """
     _lay(p, path, m, lines)
     free = 0
@@ -229,7 +263,16 @@ def encode(p: Problem, path: FloatArray, m: int, lines: Lines, stack: FloatArray
 
 @njit(cache=True)
 def nearby(p: Problem, path: FloatArray, m: int) -> Problem:
-    """The problem without the discs that no path within `CORRIDOR_M` of path[:m] can come near."""
+    """Return the problem without the discs that no path within `CORRIDOR_M` can come near.
+
+    Args:
+        p: The problem.
+        path: (>= m, 2) waypoints, m.
+        m: How many of them count.
+
+    Returns:
+        The same problem with fewer discs; trials are counted in the same place.
+    """
     keep = np.empty(p.discs.shape[1], np.int64)
     n = 0
     for k in range(p.discs.shape[1]):

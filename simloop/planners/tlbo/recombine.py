@@ -1,8 +1,9 @@
 """The best mixture of several routes: a search over the waypoints of all of them.
 
-Two routes that differ in two places leave two more unseen. Their waypoints and the clear segments
-between any of them make a small graph; the search's state is a directed segment, so that turning
-counts as in the objective (A* with the straight distance to the goal as heuristic).
+Two routes that differ in two places leave two more combinations unseen. The waypoints of all
+routes and the clear segments between any of them make a small graph. The state of the search is a
+directed segment, so that turning counts as in the objective (A* with the straight distance to the
+goal as its heuristic).
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ _UNKNOWN, _CLEAR, _BLOCKED = 0, 1, 2
 
 @njit(cache=True)
 def _gather(p: Problem, routes: FloatArray, counts: IntArray, found: int, nodes: FloatArray) -> int:
-    """Start, goal, then every route's inner waypoints, near twins left out. How many."""
+    """Start, goal, then the inner waypoints of every route, near twins left out. How many."""
     nodes[0, 0], nodes[0, 1] = p.start_x, p.start_y
     nodes[1, 0], nodes[1, 1] = p.goal_x, p.goal_y
     n = 2
@@ -44,6 +45,24 @@ def _gather(p: Problem, routes: FloatArray, counts: IntArray, found: int, nodes:
 
 
 @njit(cache=True)
+def _distances(nodes: FloatArray, n: int) -> FloatArray:
+    """(n, n) distance between any two of the first n nodes."""
+    apart = np.empty((n, n))
+    for u in range(n):
+        for v in range(n):
+            apart[u, v] = math.hypot(nodes[u, 0] - nodes[v, 0], nodes[u, 1] - nodes[v, 1])
+    return apart
+
+
+@njit(cache=True, forceinline=True)
+def _turn(nodes: FloatArray, u: int, v: int, w: int) -> float:
+    """Turn at node v on the way u -> v -> w, rad, not signed."""
+    ux, uy = nodes[v, 0] - nodes[u, 0], nodes[v, 1] - nodes[u, 1]
+    wx, wy = nodes[w, 0] - nodes[v, 0], nodes[w, 1] - nodes[v, 1]
+    return abs(math.atan2(ux * wy - uy * wx, ux * wx + uy * wy))
+
+
+@njit(cache=True)
 def recombine(
     p: Problem,
     routes: FloatArray,
@@ -53,21 +72,28 @@ def recombine(
     out: FloatArray,
     stack: FloatArray,
 ) -> int:
-    """Fill ``out`` with the best mixture of routes[:found] that costs less than ``bound``.
+    """Find the best mixture of routes that costs less than a bound.
 
-    Returns its count of points, 0 where there is none.
+    Args:
+        p: The problem.
+        routes: (>= found, MAX_POINTS, 2) waypoints, m.
+        counts: (>= found,) how many waypoints each route has.
+        found: How many routes there are.
+        bound: Cost that the mixture has to stay below.
+        out: (MAX_POINTS, 2) takes the mixture.
+        stack: Scratch.
+
+    Returns:
+        How many points the mixture has; 0 if there is none.
     """
     nodes = np.empty((_MOST_NODES, 2))
     n = _gather(p, routes, counts, found, nodes)
-    apart = np.empty((n, n))
-    for u in range(n):
-        for v in range(n):
-            apart[u, v] = math.hypot(nodes[u, 0] - nodes[v, 0], nodes[u, 1] - nodes[v, 1])
+    apart = _distances(nodes, n)
     sight = np.zeros((n, n), np.uint8)
     best = np.full(n * n, np.inf)
     parent = np.full(n * n, -1, np.int32)
     done = np.zeros(n * n, np.bool_)
-    # State u * n + v stands for the segment u -> v; 0 (start -> start) begins.
+    # State u * n + v stands for the segment u -> v; the search begins at 0 (start -> start).
     best[0] = 0.0
     queue = [(p.length_weight * apart[0, 1], 0)]
     while len(queue) > 0:
@@ -78,8 +104,6 @@ def recombine(
         u, v = state // n, state % n
         if v == 1:
             return _unwind(nodes, parent, state, n, out)
-        ux = nodes[v, 0] - nodes[u, 0]
-        uy = nodes[v, 1] - nodes[u, 1]
         for w in range(1, n):
             if w == v or sight[v, w] == _BLOCKED:
                 continue
@@ -87,16 +111,13 @@ def recombine(
             onward = p.length_weight * apart[w, 1]
             if cost + onward >= bound or cost >= best[v * n + w]:
                 continue
-            wx = nodes[w, 0] - nodes[v, 0]
-            wy = nodes[w, 1] - nodes[v, 1]
             if state > 0:
-                cost += p.turning_weight * abs(math.atan2(ux * wy - uy * wx, ux * wx + uy * wy))
+                cost += p.turning_weight * _turn(nodes, u, v, w)
             if cost + onward >= bound or cost >= best[v * n + w]:
                 continue
-            if sight[v, w] == _UNKNOWN:
-                clear = is_clear(p, nodes[v], nodes[w], stack)
-                sight[v, w] = _CLEAR if clear else _BLOCKED
-                if not clear:
+            if sight[v, w] == _UNKNOWN:  # the dear question, so asked last and only once
+                sight[v, w] = _CLEAR if is_clear(p, nodes[v], nodes[w], stack) else _BLOCKED
+                if sight[v, w] == _BLOCKED:
                     continue
             best[v * n + w] = cost
             parent[v * n + w] = state
@@ -106,7 +127,7 @@ def recombine(
 
 @njit(cache=True)
 def _unwind(nodes: FloatArray, parent: IntArray, state: int, n: int, out: FloatArray) -> int:
-    """Write the nodes that lead to ``state``, start first; 0 if they are too many."""
+    """Write the nodes that lead to ``state``, start first; 0 if there are too many."""
     m = 1
     k = state
     while k > 0:

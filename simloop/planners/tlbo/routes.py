@@ -1,14 +1,15 @@
-"""Rough routes of different homotopy, to seed a planner's first class.
+"""Rough routes of different homotopy, from which a planner's first class begins.
 
-A wave from the goal and one from the start cross a coarse lattice over discs or field alike. The
-way start -> v -> goal through a node v has a known length and a signature that tells on which
-side of each obstacle it passes; the shortest few signatures become routes, pulled taut.
+A wave from the goal and one from the start cross a coarse lattice, over discs and field alike. The
+way start -> v -> goal through a node v has a known length, and a signature that tells on which
+side of each obstacle it passes. The ways of the shortest few signatures become routes and are
+pulled taut.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -31,7 +32,14 @@ IntArray = NDArray[np.int32]
 
 
 class Lattice(NamedTuple):
-    """Nodes at low + (ix, iy) * step. weight: (ny, nx) cost factor of a node."""
+    """Nodes at low + (ix, iy) * step.
+
+    Attributes:
+        low_x: x of node (0, 0), in map, m.
+        low_y: y of node (0, 0), in map, m.
+        step: Distance of two nodes, m.
+        weight: (ny, nx) factor of what a step at a node costs.
+    """
 
     low_x: float
     low_y: float
@@ -41,10 +49,17 @@ class Lattice(NamedTuple):
 
 @njit(cache=True)
 def make_lattice(p: Problem, most_nodes: int, solid: bool = False) -> Lattice:
-    """Cover the waypoints' box (and both ends) with about ``most_nodes`` nodes at most.
+    """Cover the waypoints' box and both ends with nodes.
 
-    solid: what is blocked costs so much that the longest way round is cheaper. Else a gap that the
-    nodes miss may be crossed where the way round is long, and so may a thin wall.
+    Args:
+        p: The problem.
+        most_nodes: About how many nodes at most.
+        solid: Whether blocked nodes cost so much that the longest way round is cheaper. Otherwise a
+            gap that the nodes miss may be crossed where the way round is long, and so may a thin
+            wall.
+
+    Returns:
+        The lattice.
     """
     blocked = _SOLID if solid else _BLOCKED
     low_x = min(p.low_x, p.start_x, p.goal_x)
@@ -71,6 +86,7 @@ def make_lattice(p: Problem, most_nodes: int, solid: bool = False) -> Lattice:
 def _draw_disc(
     p: Problem, weight: IntArray, k: int, low_x: float, low_y: float, step: float, blocked: int
 ) -> None:
+    """Raise the weights of the nodes within the safe distance of disc k."""
     ny, nx = weight.shape
     reach = p.discs[2, k] + p.safe_m
     cx = (p.discs[0, k] - low_x) / step
@@ -89,8 +105,8 @@ def _draw_disc(
 def _ray_codes(lattice: Lattice) -> NDArray[np.int64]:
     """(ny, nx) code added when a step goes from column ix to ix + 1 at (or from) row iy.
 
-    Each connected blocked region sends a ray down from its lowest node, between two columns; a
-    step across it adds the region's random number, modulo 2^64.
+    Each connected blocked region sends a ray down from its lowest node, between two columns. A step
+    across the ray adds the region's random number, modulo 2^64.
     """
     weight = lattice.weight
     ny, nx = weight.shape
@@ -123,6 +139,14 @@ def _ray_codes(lattice: Lattice) -> NDArray[np.int64]:
     return code
 
 
+@njit(cache=True, forceinline=True)
+def _crossed(code: NDArray[np.int64], ux: int, uy: int, vx: int, vy: int) -> Any:
+    """What a step from node u to its neighbour v adds to the signature."""
+    if vx > ux:
+        return code[uy, ux]
+    return -code[vy, vx] if vx < ux else np.int64(0)
+
+
 @njit(cache=True)
 def _wave(
     lattice: Lattice,
@@ -132,8 +156,9 @@ def _wave(
     onward: IntArray,
     far: int,
 ) -> tuple[IntArray, IntArray, NDArray[np.int64], int]:
-    """Dijkstra by buckets from ``source``: distance, parent, signature of each node, and the
-    limit beyond which it did not look.
+    """Dijkstra by buckets: distance, parent and signature of each node from ``source``.
+
+    The last value returned is the limit beyond which it did not search.
 
     onward: distance that remains to the target, known from the other wave (empty on the first).
     """
@@ -165,34 +190,23 @@ def _wave(
         if u == target and onward.size == 0:
             far = min(far, int(now * _STRETCH) + 10 * _STRAIGHT)
         uy, ux = u // nx, u % nx
-        for dy in range(-1, 2):
-            vy = uy + dy
-            if vy < 0 or vy >= ny:
+        for k in range(9):  # the eight neighbours; 4 is the node itself
+            vy, vx = uy + k // 3 - 1, ux + k % 3 - 1
+            if k == 4 or vy < 0 or vy >= ny or vx < 0 or vx >= nx:
                 continue
-            for dx in range(-1, 2):
-                vx = ux + dx
-                if vx < 0 or vx >= nx or (dx == 0 and dy == 0):
-                    continue
-                v = vy * nx + vx
-                step = _STRAIGHT if dx == 0 or dy == 0 else _DIAGONAL
-                reach = now + step * max(weight[uy, ux], weight[vy, vx])
-                if reach >= distance[v]:
-                    continue
-                if onward.size > 0 and reach + onward[v] > far:
-                    continue
-                distance[v] = reach
-                parent[v] = u
-                turn = np.int64(0)
-                if dx == 1:
-                    turn = code[uy, ux]
-                elif dx == -1:
-                    turn = -code[vy, vx]
-                signature[v] = signature[u] + turn
-                entry_node[entries] = v
-                entry_next[entries] = head[reach % buckets]
-                head[reach % buckets] = entries
-                entries += 1
-                live += 1
+            v = vy * nx + vx
+            step = _DIAGONAL if k % 2 == 0 else _STRAIGHT
+            reach = now + step * max(weight[uy, ux], weight[vy, vx])
+            if reach >= distance[v] or (onward.size > 0 and reach + onward[v] > far):
+                continue
+            distance[v] = reach
+            parent[v] = u
+            signature[v] = signature[u] + _crossed(code, ux, uy, vx, vy)
+            entry_node[entries] = v
+            entry_next[entries] = head[reach % buckets]
+            head[reach % buckets] = entries
+            entries += 1
+            live += 1
     return distance, parent, signature, far
 
 
@@ -261,9 +275,10 @@ def _chain(
 
 @njit(cache=True)
 def _lift(p: Problem, step: float, chain: FloatArray, n: int) -> None:
-    """Move each point of a chain that has too little clearance up its gradient.
+    """Move each point of a chain that has too little clearance up the gradient of the clearance.
 
-    A little more than enough, for a segment between two points about a corner cuts it.
+    A little more than enough is asked for, because a segment between two points about a corner cuts
+    the corner.
     """
     wanted = p.safe_m + min(step * step / (3.0 * p.safe_m), 0.3 * step)
     h = 0.25 * step
@@ -287,6 +302,15 @@ def _lift(p: Problem, step: float, chain: FloatArray, n: int) -> None:
 
 
 @njit(cache=True)
+def _node_at(lattice: Lattice, x: float, y: float) -> int:
+    """Number of the node nearest to a point."""
+    ny, nx = lattice.weight.shape
+    ix = min(max(int((x - lattice.low_x) / lattice.step + 0.5), 0), nx - 1)
+    iy = min(max(int((y - lattice.low_y) / lattice.step + 0.5), 0), ny - 1)
+    return iy * nx + ix
+
+
+@njit(cache=True)
 def find_routes(
     p: Problem,
     most_nodes: int,
@@ -297,27 +321,35 @@ def find_routes(
     stack: FloatArray,
     solid: bool = False,
 ) -> int:
-    """Fill routes (K, MAX_POINTS, 2), counts (K,), costs (K,), the cheapest first. How many.
+    """Find the shortest route of each of the shortest homotopy classes.
 
-    The cost is J of the route with its bends split, see `settle`. solid: see `make_lattice`.
+    Args:
+        p: The problem.
+        most_nodes: About how many nodes the lattice has at most.
+        sweeps: See `settle`.
+        routes: (K, MAX_POINTS, 2) takes the routes, the cheapest first, m.
+        counts: (K,) takes how many points each has.
+        costs: (K,) takes J of each with its bends split, see `settle`.
+        stack: Scratch.
+        solid: See `make_lattice`.
+
+    Returns:
+        How many routes were found.
     """
     lattice = make_lattice(p, most_nodes, solid)
     ny, nx = lattice.weight.shape
     code = _ray_codes(lattice)
-    ends = np.empty(2, np.int32)
-    for k in range(2):
-        x = p.start_x if k == 0 else p.goal_x
-        y = p.start_y if k == 0 else p.goal_y
-        ix = min(max(int((x - lattice.low_x) / lattice.step + 0.5), 0), nx - 1)
-        iy = min(max(int((y - lattice.low_y) / lattice.step + 0.5), 0), ny - 1)
-        ends[k] = iy * nx + ix
+    start = _node_at(lattice, p.start_x, p.start_y)
+    goal = _node_at(lattice, p.goal_x, p.goal_y)
+    # A wave from the goal bounds the search; the one from the start looks no farther.
     nothing = np.empty(0, np.int32)
-    ahead, to_goal, code_ahead, far = _wave(lattice, code, ends[1], ends[0], nothing, _FAR - 1)
-    behind, from_start, code_behind, _ = _wave(lattice, code, ends[0], ends[1], ahead, far)
+    ahead, to_goal, code_ahead, far = _wave(lattice, code, goal, start, nothing, _FAR - 1)
+    behind, from_start, code_behind, _ = _wave(lattice, code, start, goal, ahead, far)
     vias = _shortest_classes(ahead, behind, code_ahead, code_behind, far, counts.size)
     chain = np.empty((2 * nx * ny + 2, 2))
     scratch = np.empty((2, MAX_POINTS, 2))
     best = np.inf
+    # Each class of ways becomes one route: off the obstacles, taut, its bends split.
     for k in range(vias.size):
         n = _chain(lattice, p, vias[k], from_start, to_goal, chain)
         _lift(p, lattice.step, chain, n)
@@ -332,6 +364,14 @@ def find_routes(
 
 @njit(cache=True)
 def sort_routes(routes: FloatArray, counts: IntArray, costs: FloatArray, n: int) -> None:
+    """Sort routes by their cost, in place. It sorts by insertion, as there are a handful.
+
+    Args:
+        routes: (>= n, MAX_POINTS, 2) the routes.
+        counts: (>= n,) how many points each has.
+        costs: (>= n,) what each costs.
+        n: How many routes there are.
+    """
     for i in range(1, n):  # insertion: a handful of routes
         k = i
         while k > 0 and costs[k] < costs[k - 1]:

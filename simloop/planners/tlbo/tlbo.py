@@ -1,11 +1,14 @@
 """Teaching-learning-based optimisation of a class of polylines, compiled.
 
-Source: Sabiha 2022 (online TLBO), Eqs. 19-26; Rao 2011. Where this departs from print:
+Source: Sabiha 2022 (online TLBO), Eqs. 19-26; Rao 2011. It departs from print in four places:
 - The subjects are the lines of a path's segments, not its waypoints: see `lines`.
-- Positions are measured from the path that was coded, so that Eq. 21 no longer depends on where
-  the map's origin happens to be (with T_f = 2 it does as printed).
-- One random factor a learner, not a subject: a step then keeps a path's shape.
-- A learner that has become the teacher's twin is sent off to look elsewhere.
+- Positions are measured from the path that was coded, so that Eq. 21 does not depend on where the
+  map's origin is (with T_f = 2 it does as printed).
+- There is one random factor a learner, not one a subject: a step then keeps the shape of a path.
+- A learner that has become the teacher's twin is moved elsewhere.
+
+In this module ``m`` is how many waypoints the coded path has, and ``free`` how many of its lines
+may move.
 """
 
 from __future__ import annotations
@@ -25,7 +28,17 @@ from simloop.planners.tlbo.lines import Lines, decode
 
 
 class Class(NamedTuple):
-    """Learners and scratch. subject: (learners, MAX_POINTS, 2), see `lines`; cost: (learners,)."""
+    """The learners, and scratch.
+
+    Attributes:
+        subject: (learners, MAX_POINTS, 2) heading, rad, and offset, m, of each free line: see
+            `lines`.
+        cost: (learners,) J of each learner.
+        mean: (MAX_POINTS, 2) mean of the class.
+        candidate: (MAX_POINTS, 2) the subject that is offered.
+        path: (MAX_POINTS, 2) the waypoints of the learner that is evaluated, m.
+        stack: Scratch for the clearance of segments.
+    """
 
     subject: FloatArray
     cost: FloatArray
@@ -36,7 +49,15 @@ class Class(NamedTuple):
 
 
 def make_class(learners: int, stack: FloatArray) -> Class:
-    """Room for ``learners``."""
+    """Make room for a class.
+
+    Args:
+        learners: How many learners.
+        stack: Scratch from `objective.make_stack`.
+
+    Returns:
+        The class, all zero.
+    """
     shape = (MAX_POINTS, 2)
     return Class(
         subject=np.zeros((learners, *shape)),
@@ -81,7 +102,13 @@ def _offer(p: Problem, lines: Lines, c: Class, k: int, free: int, m: int) -> Non
 
 @njit(cache=True)
 def class_mean(subject: FloatArray, free: int, mean: FloatArray) -> None:
-    """Eq. 20: the mean of each subject."""
+    """Compute the mean of each subject, Eq. 20.
+
+    Args:
+        subject: (learners, MAX_POINTS, 2) the learners' subjects.
+        free: How many lines may move.
+        mean: (MAX_POINTS, 2) takes the mean.
+    """
     learners = subject.shape[0]
     for i in range(free):
         heading, offset = 0.0, 0.0
@@ -94,7 +121,16 @@ def class_mean(subject: FloatArray, free: int, mean: FloatArray) -> None:
 
 @njit(cache=True)
 def teacher_phase(p: Problem, lines: Lines, c: Class, free: int, m: int, state: State) -> None:
-    """Eqs. 20-24: every learner moves by r (X_teacher - T_f mean)."""
+    """Move every learner by r (X_teacher - T_f mean), Eqs. 20-24, and keep what is better.
+
+    Args:
+        p: The problem.
+        lines: The coded path.
+        c: The class; changed.
+        free: How many lines may move.
+        m: How many waypoints the path has.
+        state: (1,) of the random generator.
+    """
     teacher = c.subject[np.argmin(c.cost)].copy()
     class_mean(c.subject, free, c.mean)
     for k in range(c.cost.size):
@@ -109,7 +145,16 @@ def teacher_phase(p: Problem, lines: Lines, c: Class, free: int, m: int, state: 
 
 @njit(cache=True)
 def learner_phase(p: Problem, lines: Lines, c: Class, free: int, m: int, state: State) -> None:
-    """Eqs. 25, 24: each learner moves away from a worse fellow, or towards a better one."""
+    """Move each learner away from a worse fellow or towards a better one, Eqs. 25 and 24.
+
+    Args:
+        p: The problem.
+        lines: The coded path.
+        c: The class; changed.
+        free: How many lines may move.
+        m: How many waypoints the path has.
+        state: (1,) of the random generator.
+    """
     learners = c.cost.size
     for k in range(learners):
         q = (k + 1 + below(state, learners - 1)) % learners
@@ -125,7 +170,17 @@ def learner_phase(p: Problem, lines: Lines, c: Class, free: int, m: int, state: 
 def move_twins(
     p: Problem, lines: Lines, c: Class, free: int, m: int, alike: float, state: State
 ) -> None:
-    """A learner as dear as the teacher, to ``alike``, gets one line moved."""
+    """Move one line of each learner that is as dear as the teacher.
+
+    Args:
+        p: The problem.
+        lines: The coded path.
+        c: The class; changed.
+        free: How many lines may move.
+        m: How many waypoints the path has.
+        alike: Difference of cost up to which two are as dear, as a share of the teacher's.
+        state: (1,) of the random generator.
+    """
     teacher = np.argmin(c.cost)
     for k in range(c.cost.size):
         if k == teacher or c.cost[k] - c.cost[teacher] > alike * c.cost[teacher]:
@@ -138,7 +193,16 @@ def move_twins(
 
 @njit(cache=True)
 def draw_class(p: Problem, lines: Lines, c: Class, free: int, m: int, state: State) -> None:
-    """Eq. 19 redrawn: the coded path itself, then its lines moved at random."""
+    """Draw the class: the coded path itself, then its lines moved at random (in place of Eq. 19).
+
+    Args:
+        p: The problem.
+        lines: The coded path.
+        c: The class; overwritten.
+        free: How many lines may move.
+        m: How many waypoints the path has.
+        state: (1,) of the random generator.
+    """
     for k in range(c.cost.size):
         for i in range(free):
             for j in range(2):
@@ -159,11 +223,23 @@ def tlbo(
     budget: int,
     state: State,
 ) -> tuple[int, int]:
-    """Teach a class about the coded path of m points, ``free`` of whose lines may move, until
-    ``idle_limit`` generations bring no more.
+    """Teach a class about a coded path until generations bring no more.
 
-    A generation is idle if the best cost falls by less than ``tolerance`` of itself; the budget
-    counts trials. Returns the best learner's number and the generations.
+    A generation is idle if the best cost falls by less than ``tolerance`` of itself.
+
+    Args:
+        p: The problem; its trials are counted.
+        lines: The coded path.
+        c: The class; overwritten.
+        free: How many lines may move.
+        m: How many waypoints the path has.
+        idle_limit: Idle generations in a row that end it.
+        tolerance: See above.
+        budget: Trials that are not exceeded.
+        state: (1,) of the random generator.
+
+    Returns:
+        Number of the best learner, and how many generations there were.
     """
     draw_class(p, lines, c, free, m, state)
     generations = 0

@@ -13,8 +13,18 @@ _SAME_GOAL_M = 0.05
 
 
 def way_ahead(problem: Problem, previous: Plan | None) -> FloatArray | None:
-    """(m, 2) from the start along what lies ahead of the previous plan; None where there is none,
-    it was not safe, or it leads elsewhere. Whether it still is safe is not looked at."""
+    """Return the part of the previous plan that still lies ahead.
+
+    Whether it is still safe is not checked.
+
+    Args:
+        problem: The problem; its start and goal count.
+        previous: The previous plan, if there is one.
+
+    Returns:
+        (m, 2) waypoints from the start to the goal, m; None if there is no previous plan, if it was
+        not safe, or if it leads elsewhere.
+    """
     if previous is None or not previous.safe:
         return None
     old = previous.waypoints_m
