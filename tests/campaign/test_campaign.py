@@ -28,6 +28,7 @@ from simloop.campaign import (
 from simloop.campaign.spec import Request, RunSpec, parse_seeds, sweep_values
 from simloop.campaign.work import TIMING, do_run, row_of
 from simloop.common.errors import InputError
+from simloop.common.pool import worker_pools
 
 QUICK = ("time_limit_s=0.3", "goal=[1.5,0.0]")
 
@@ -106,7 +107,7 @@ def test_a_torn_line_is_run_again_and_whole_ones_are_kept(tmp_path):
 
 def test_a_folder_belongs_to_one_campaign_and_one_process(tmp_path):
     request = Request(("open",), (0, 3))
-    running = pytest.raises(InputError, match="another campaign is running")
+    running = pytest.raises(InputError, match="another process is running a campaign")
     with journal.Journal(tmp_path, request), running:
         journal.Journal(tmp_path, request).__enter__()
     with pytest.raises(InputError, match="only the seeds may differ"):
@@ -137,7 +138,7 @@ def crash_at_two(one):
 
 def test_a_worker_that_dies_takes_no_other_run_with_it():
     specs = [spec(seed) for seed in range(6)]
-    found = dict(execute.run_all(specs, execute.local(2), 2, work=crash_at_two))
+    found = dict(execute.run_all(specs, worker_pools(2), 2, work=crash_at_two))
     assert set(found) == set(specs)
     assert [s.seed for s, r in found.items() if r["outcome"] == "error"] == [2]
 
@@ -167,19 +168,19 @@ def test_the_rows_do_not_depend_on_the_executor():
     distributed = pytest.importorskip("distributed")
     alone = {s.seed: {k: v for k, v in do_run(s).items() if k not in TIMING}
              for s in (spec(seed) for seed in range(4))}  # fmt: skip
-    assert rows_by(execute.local(2), 2) == alone
+    assert rows_by(worker_pools(2), 2) == alone
     with (
         distributed.LocalCluster(
             n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None
         ) as cluster,
-        execute.dask(cluster.scheduler_address) as (make, threads),
+        execute.dask_cluster(cluster.scheduler_address) as (make, threads),
     ):
         assert rows_by(make, threads) == alone
 
 
 def test_no_cluster_at_an_address_is_one_line():
     pytest.importorskip("distributed")
-    with pytest.raises(InputError, match="--dask"), execute.dask("nonsense://here"):
+    with pytest.raises(InputError, match="--dask"), execute.dask_cluster("nonsense://here"):
         pass
 
 
@@ -240,7 +241,7 @@ def test_compare_finds_what_changed_and_leaves_chance_alone():
 def command(out, seeds="0:12"):
     overrides = [part for text in QUICK for part in ("--set", text)]
     options = ["--no-report", "--record-failures", "0", "--workers", "1", "--out", str(out)]
-    program = [sys.executable, "-m", "simloop.cli.main", "campaign", "open", "--seeds", seeds]
+    program = [sys.executable, "-m", "simloop.cli", "campaign", "open", "--seeds", seeds]
     return [*program, *options, *overrides]
 
 
@@ -275,7 +276,11 @@ def test_the_report_names_every_cell_and_every_failure(tmp_path):
     runs = [(spec(k), row(k, k > 0, sim_time_s=5.0 + k)) for k in range(3)]
     verdicts = thresholds.judge([thresholds.parse("success_rate>=0.9")], [r for _, r in runs])
     page = report.render(runs, verdicts, [(*runs[0], "")])
-    assert "2 of 3 runs arrived" in page and "missed" in page and page.count("data:image/png") == 2
+    assert (
+        "2 of 3 runs reached the goal" in page
+        and ">fails<" in page
+        and page.count("data:image/png") == 2
+    )
     assert "simloop run open --seed 0" in page and "No picture could be drawn" in page
 
 
