@@ -10,7 +10,7 @@ from typing import Any
 
 from simloop.campaign.spec import Cell
 from simloop.campaign.summary import cells_of, figure_of, spread
-from simloop.campaign.work import REACHED, Row
+from simloop.campaign.work import OUTCOMES, REACHED, Row
 from simloop.common.errors import InputError, did_you_mean
 
 _FORM = re.compile(r"\s*(\w+?)\s*(>=|<=|>|<|==)\s*([-+\d.eE]+)\s*\Z")
@@ -77,7 +77,7 @@ def parse(text: str) -> Threshold:
         The threshold.
 
     Raises:
-        InputError: If the text is not a threshold.
+        InputError: If the text is not a threshold, or names an unknown outcome.
     """
     form = _FORM.match(text)
     if form is None:
@@ -90,7 +90,9 @@ def parse(text: str) -> Threshold:
         limit = float(number)
     except ValueError:
         raise InputError(f"--require {text}: {number} is not a number") from None
-    if not name.endswith(_RATE) and name.rpartition("_")[2] not in _STATISTICS:
+    if name.endswith(_RATE):
+        _check_rate(text, name.removesuffix(_RATE))
+    elif name.rpartition("_")[2] not in _STATISTICS:
         choices = ", ".join(f"{name}_{one}" for one in _STATISTICS)
         raise InputError(
             f"--require {text}: '{name}' is neither a rate, e.g. success_rate, nor a figure with "
@@ -147,6 +149,14 @@ def _value(name: str, rows: Sequence[Row]) -> float | None:
     figure, _, statistic = name.rpartition("_")
     values = [v for row in rows if row["success"] and (v := figure_of(row, figure)) is not None]
     return spread(values)[statistic] if values else None
+
+
+def _check_rate(text: str, outcome: str) -> None:
+    """A misspelt outcome never occurs, so its rate would keep every upper limit."""
+    choices = {_SUCCESS, *OUTCOMES}
+    if outcome not in choices:
+        hint = did_you_mean(f"{outcome}{_RATE}", [f"{one}{_RATE}" for one in choices])
+        raise InputError(f"--require {text}: unknown rate '{outcome}{_RATE}'{hint}")
 
 
 def _check_figure(threshold: Threshold, rows: Sequence[Row]) -> None:

@@ -21,6 +21,9 @@ REACHED = "reached"
 ERROR = "error"
 """The campaign's own outcome: the run could not be simulated to its end."""
 
+OUTCOMES = (REACHED, "collision", "timeout", "stuck", "lost", "missed", ERROR)
+"""All outcomes that a row can have."""
+
 TIMING = ("wall_time_s", "real_time_factor", "plan_ms_p50", "plan_ms_p99")
 """The columns that depend on the machine's speed. All others are the same on every machine."""
 

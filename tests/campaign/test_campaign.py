@@ -211,6 +211,12 @@ def test_what_is_no_threshold_is_refused(text):
         thresholds.parse(text)
 
 
+def test_the_rate_of_an_unknown_outcome_is_refused():
+    with pytest.raises(InputError, match=r"did you mean 'collision_rate'\?"):
+        thresholds.parse("colision_rate<=0.01")
+    assert thresholds.parse("error_rate<=0.01").name == "error_rate"
+
+
 def test_junit_counts_failures_unless_thresholds_decide(tmp_path):
     runs = [(spec(k), row(k, k > 0)) for k in range(3)]
     file = tmp_path / "x.xml"
