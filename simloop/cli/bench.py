@@ -1,11 +1,10 @@
-"""The commands that measure: ``simloop bench ...`` and ``simloop replay``.
+"""The commands ``simloop bench ...``, which measure.
 
 Each command imports what it needs when it runs, so that ``simloop --help`` is quick.
 """
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -18,9 +17,35 @@ from simloop.cli.common import (
     Overrides,
     check_json,
     compiling_shown,
-    stop_asked,
     write_json,
 )
+
+Scenes = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME",
+        help="Scenes, or .map, .scen and image files; repeatable or with commas. Default: all.",
+    ),
+]
+Planners = Annotated[
+    list[str] | None,
+    typer.Option(metavar="NAME", help="Planners; repeatable or with commas. Default: all."),
+]
+Budget = Annotated[
+    int | None,
+    typer.Option(min=1, max=10**7, help="Evaluations of the objective that a plan may use."),
+]
+Plans = Annotated[
+    int | None,
+    typer.Option(min=1, max=10**5, help="The least number of plans of each planner on each scene."),
+]
+Workers = Annotated[
+    int, typer.Option(min=0, max=256, help="Number of processes; 0: as many as cores.")
+]
+Report = Annotated[
+    Path | None,
+    typer.Option(metavar="DIR", help="Write an HTML page with charts into this directory."),
+]
 
 bench_app = typer.Typer(
     help="Measure speed, planners, reactions to faults, and the mapper.", no_args_is_help=True
@@ -67,34 +92,12 @@ def bench_loop(
 @bench_app.command("planners")
 def bench_planners(
     json_file: JsonFile = None,
-    scenes: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME",
-            help="Scenes, or .map, .scen and image files; repeatable or with commas. Default: all.",
-        ),
-    ] = None,
-    planners: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help="Planners; repeatable or with commas. Default: all."),
-    ] = None,
-    budget: Annotated[
-        int | None,
-        typer.Option(min=1, max=10**7, help="Evaluations of the objective that a plan may use."),
-    ] = None,
-    seeds: Annotated[
-        int | None,
-        typer.Option(
-            min=1, max=10**5, help="The least number of plans of each planner on each scene."
-        ),
-    ] = None,
-    workers: Annotated[
-        int, typer.Option(min=0, max=256, help="Number of processes; 0: as many as cores.")
-    ] = 0,
-    report: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Write an HTML page with charts into this directory."),
-    ] = None,
+    scenes: Scenes = None,
+    planners: Planners = None,
+    budget: Budget = None,
+    seeds: Plans = None,
+    workers: Workers = 0,
+    report: Report = None,
 ) -> int:
     """Compare planners on the same tasks.
 
@@ -245,65 +248,3 @@ def bench_slam(
     bench_slam.print_figures(Console(), figures)
     write_json(json_file, figures)
     return 0
-
-
-def replay(
-    log: Annotated[
-        Path, typer.Argument(help="A CARMEN .log or .clf file, or an .npz file of scans.")
-    ],
-    json_file: Annotated[
-        Path | None,
-        typer.Option("--json", metavar="FILE", help="Write all figures as JSON; - means stdout."),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Write map, trajectory (TUM format) and recording here."),
-    ] = None,
-    relations: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Reference relations to judge the trajectory by."),
-    ] = None,
-    prior: Annotated[
-        Path | None,
-        typer.Option(
-            "--map", metavar="FILE.yaml", help="Localise in this map instead of making one."
-        ),
-    ] = None,
-) -> int:
-    """Map or localise with a recorded log of a real robot.
-
-    Ctrl-C ends the log early and keeps what was made of it by then.
-    \f
-
-    Args:
-        log: The log.
-        json_file: Where the figures are written as JSON; ``-`` means stdout.
-        out: The directory of map, trajectory and recording.
-        relations: The file of reference relations between poses of the trajectory.
-        prior: The YAML file of a map to localise in.
-
-    Returns:
-        The exit code.
-    """
-    from simloop.common.terminal import counting
-    from simloop.graph_slam.settings import MappingConfig
-    from simloop.mapping.map_files import load_map
-    from simloop.replay import session
-
-    files = session.ReplayFiles(out, json_file)
-    files.check(log, relations, prior, prior and prior.with_suffix(".pgm"))
-    read, truth = session.load(log, relations)
-    config = MappingConfig()
-    known = load_map(prior, config.grid) if prior is not None else None
-    notes, bar = Console(stderr=True), counting(Console(stderr=True), "scans", len(read.t_s))
-    with stop_asked() as stop, compiling_shown(notes) as report, bar as show:
-        replayed = session.run(
-            read, truth, config, known, lambda done: show(done) or not stop(), report
-        )
-        session.write(replayed, files)
-    if json_file == session.STDOUT:
-        print(json.dumps(replayed.figures, indent=2))
-    else:
-        session.print_figures(Console(), replayed.figures)
-        write_json(json_file, replayed.figures)
-    return INTERRUPTED if replayed.figures["interrupted"] else 0

@@ -18,7 +18,7 @@ import typer
 from rich.console import Console
 
 from simloop import __version__
-from simloop.cli.bench import bench_app, replay
+from simloop.cli.bench import bench_app
 from simloop.cli.campaign import campaign
 from simloop.cli.common import (
     INTERRUPTED,
@@ -29,6 +29,7 @@ from simloop.cli.common import (
     stop_asked,
     write_json,
 )
+from simloop.cli.replay import replay
 from simloop.common.errors import InputError
 
 if TYPE_CHECKING:
