@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
-import numpy as np
+if TYPE_CHECKING:  # `simloop list` reads the registry and shall not wait for numpy
+    import numpy as np
 
-from simloop.messages import FloatArray, Plan, WorldView
+    from simloop.messages import FloatArray, Plan, WorldView
 
 
 class Planner(Protocol):
