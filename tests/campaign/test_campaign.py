@@ -1,4 +1,4 @@
-"""Campaigns: what is asked, what is kept whatever happens, and what is made of it."""
+"""Campaigns: the request, the journal that survives kills, and what the results show."""
 
 from __future__ import annotations
 
@@ -108,15 +108,16 @@ def test_a_torn_line_is_run_again_and_whole_ones_are_kept(tmp_path):
 def test_a_folder_belongs_to_one_campaign_and_one_process(tmp_path):
     request = Request(("open",), (0, 3))
     running = pytest.raises(InputError, match="another process is running a campaign")
-    with journal.Journal(tmp_path, request), running:
-        journal.Journal(tmp_path, request).__enter__()
-    with pytest.raises(InputError, match="only the seeds may differ"):
-        journal.Journal(tmp_path, Request(("trap",), (0, 3))).__enter__()
+    with journal.Journal(tmp_path, request), running, journal.Journal(tmp_path, request):
+        pass
+    other = journal.Journal(tmp_path, Request(("trap",), (0, 3)))
+    with pytest.raises(InputError, match="only the seeds may differ"), other:
+        pass
     with journal.Journal(tmp_path, Request(("open",), (0, 9))):
         pass
     (tmp_path / "journal.jsonl").write_text("rubbish\n")
-    with pytest.raises(InputError, match="byte 0"):
-        journal.Journal(tmp_path, request).__enter__()
+    with pytest.raises(InputError, match="byte 0"), journal.Journal(tmp_path, request):
+        pass
 
 
 def test_results_go_through_parquet_and_rubbish_is_refused(tmp_path):
