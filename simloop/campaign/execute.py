@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 
 from simloop.campaign.spec import RunSpec
 from simloop.campaign.work import ERROR, Row, do_run, row_of
 from simloop.common import pool
 from simloop.common.errors import InputError
-from simloop.common.pool import MakePool
+from simloop.common.pool import Workers
 
 
 @contextmanager
-def dask_cluster(address: str) -> Iterator[tuple[MakePool, int]]:
+def dask_cluster(address: str) -> Iterator[Workers]:
     """Connect to a Dask cluster for the time of the context.
 
     Args:
         address: The address of the Dask scheduler, e.g. ``tcp://10.0.0.1:8786``.
 
     Yields:
-        A function that makes the cluster's executor, and the number of worker threads.
+        The cluster's workers. It does a run in each thread of its workers.
 
     Raises:
         InputError: If Dask is not installed, the scheduler does not answer, or the cluster has no
@@ -28,6 +29,7 @@ def dask_cluster(address: str) -> Iterator[tuple[MakePool, int]]:
     """
     try:
         from distributed import Client
+        from distributed.scheduler import KilledWorker
     except ImportError:
         raise InputError(
             "--dask: Dask is not installed; install it with: pip install 'simloop[dask]'"
@@ -40,13 +42,17 @@ def dask_cluster(address: str) -> Iterator[tuple[MakePool, int]]:
         threads = sum(client.nthreads().values())
         if not threads:
             raise InputError(f"--dask {address}: the cluster has no workers")
-        yield client.get_executor, threads
+        yield Workers(
+            # Not pure: a run that is tried again must be a new task, not the failed one.
+            lambda: client.get_executor(pure=False),
+            threads,
+            (BrokenExecutor, KilledWorker),
+        )
 
 
 def run_all(
     specs: Sequence[RunSpec],
-    make_pool: MakePool,
-    workers: int,
+    workers: Workers,
     stop: Callable[[], bool] = lambda: False,
     work: Callable[[RunSpec], Row] = do_run,
 ) -> Generator[tuple[RunSpec, Row], None, None]:
@@ -57,8 +63,7 @@ def run_all(
 
     Args:
         specs: The runs.
-        make_pool: Makes the executor, and makes it again after a worker died.
-        workers: The number of runs at the same time.
+        workers: Where the runs are done.
         stop: Asked several times a second. Once it returns True, no further run is begun; the
             runs that have begun are finished.
         work: Makes the row of a run.
@@ -70,8 +75,7 @@ def run_all(
     return pool.run_all(
         specs,
         work,
-        make_pool=make_pool,
-        workers=workers,
+        workers,
         when_lost=lambda spec: row_of(spec, ERROR, error="its worker process died twice"),
         stop=stop,
     )

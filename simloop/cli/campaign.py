@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from simloop.campaign.summary import CellSummary
     from simloop.campaign.thresholds import Threshold, Verdict
     from simloop.campaign.work import Row
-    from simloop.common.pool import MakePool
+    from simloop.common import pool
 
 Scenarios = Annotated[
     list[str] | None,
@@ -188,10 +188,10 @@ def _run(journal: Journal, specs: Sequence[RunSpec], workers: int, dask: str | N
         return False
     bar = _bar(len(specs), len(missing))
     with (
-        _pool(workers, dask) as (make_pool, count),
+        _workers(workers, dask) as where,
         bar as show,
         stop_asked() as stop,
-        closing(execute.run_all(missing, make_pool, count, stop)) as finished,
+        closing(execute.run_all(missing, where, stop)) as finished,
     ):
         for spec, row in finished:
             journal.add(spec, row)
@@ -200,16 +200,16 @@ def _run(journal: Journal, specs: Sequence[RunSpec], workers: int, dask: str | N
 
 
 @contextmanager
-def _pool(workers: int, dask: str | None) -> Iterator[tuple[MakePool, int]]:
-    """How to make the pool of workers, and how many runs it does at the same time."""
+def _workers(count: int, dask: str | None) -> Iterator[pool.Workers]:
+    """So many processes of this machine, or the workers of a Dask cluster."""
     from simloop.campaign.execute import dask_cluster
-    from simloop.common.pool import worker_pools
+    from simloop.common.pool import local_workers
 
     if dask is not None:
         with dask_cluster(dask) as cluster:
             yield cluster
     else:
-        yield worker_pools(workers), workers
+        yield local_workers(count)
 
 
 @contextmanager

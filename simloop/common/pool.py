@@ -17,15 +17,30 @@ from concurrent.futures import (
     wait,
 )
 from contextlib import suppress
+from dataclasses import dataclass
 from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import Any, Generic, TypeVar
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
-MakePool = Callable[[], Executor]
 
 _ITEMS_PER_WORKER = 2  # under way: no worker waits for work, and little is lost with a pool
 _CHECK_STOP_EVERY_S = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class Workers:
+    """Where work items are worked on.
+
+    Attributes:
+        make_pool: Makes the executor. It is called again if a worker died.
+        count: How many items are worked on at the same time.
+        deaths: What a future of the executor raises if its worker died.
+    """
+
+    make_pool: Callable[[], Executor]
+    count: int
+    deaths: tuple[type[BaseException], ...] = (BrokenExecutor,)
 
 
 class WorkerPool(ProcessPoolExecutor):
@@ -52,24 +67,23 @@ class WorkerPool(ProcessPoolExecutor):
                 process.terminate()
 
 
-def worker_pools(workers: int) -> MakePool:
-    """Give a function that makes a pool of local worker processes.
+def local_workers(count: int) -> Workers:
+    """Describe worker processes on this machine.
 
     Args:
-        workers: The number of processes, at least 1.
+        count: The number of processes, at least 1.
 
     Returns:
-        A function without arguments that makes a new ``WorkerPool`` at each call.
+        The workers. No process starts before there is work.
     """
-    return lambda: WorkerPool(workers)
+    return Workers(lambda: WorkerPool(count), count)
 
 
 def run_all(
     items: Sequence[Item],
     work: Callable[[Item], Result],
+    workers: Workers,
     *,
-    make_pool: MakePool,
-    workers: int,
     when_lost: Callable[[Item], Result],
     stop: Callable[[], bool] = lambda: False,
 ) -> Generator[tuple[Item, Result], None, None]:
@@ -82,10 +96,9 @@ def run_all(
     If the caller stops iterating, or is interrupted, the workers of the pool are ended at once.
 
     Args:
-        items: The work items. Each must be picklable if ``make_pool`` makes processes.
+        items: The work items. Each must be picklable if the workers are processes.
         work: The function that makes an item's result. Picklable like the items.
-        make_pool: Makes the executor, and makes it again after it broke.
-        workers: How many items the executor works on at the same time.
+        workers: Where the items are worked on.
         when_lost: Makes the result of an item that was given up, or raises.
         stop: Asked several times a second. Once it returns True no further item is begun; the
             items that a worker has begun are finished.
@@ -97,7 +110,7 @@ def run_all(
         Exception: Whatever ``work`` or ``when_lost`` raises. The remaining items are given up.
     """
     waiting, suspects = deque(items), deque[Item]()
-    pool, alone = _Pool(work, make_pool), False
+    pool, alone = _Pool(work, workers), False
     try:
         while (waiting or suspects or pool.busy) and not stop():
             # The last suspect too has the pool for itself until it is finished.
@@ -105,7 +118,7 @@ def run_all(
             if alone:
                 pool.submit_from(suspects, 1)
             else:
-                pool.submit_from(waiting, _ITEMS_PER_WORKER * workers)
+                pool.submit_from(waiting, _ITEMS_PER_WORKER * workers.count)
             finished, lost = pool.collect()
             yield from finished
             if alone:
@@ -121,9 +134,9 @@ def run_all(
 class _Pool(Generic[Item, Result]):
     """An executor and the items it works on. It is made anew when it is found to be broken."""
 
-    def __init__(self, work: Callable[[Item], Result], make_pool: MakePool) -> None:
-        self._work, self._make_pool = work, make_pool
-        self._executor, self._broken = make_pool(), False
+    def __init__(self, work: Callable[[Item], Result], workers: Workers) -> None:
+        self._work, self._workers, self._deaths = work, workers, workers.deaths
+        self._executor, self._broken = workers.make_pool(), False
         self._under_way: dict[Future[Result], Item] = {}
 
     @property
@@ -135,7 +148,7 @@ class _Pool(Generic[Item, Result]):
         while queue and len(self._under_way) < most:
             try:
                 future = self._executor.submit(self._work, queue[0])
-            except BrokenExecutor:  # a worker died between two items
+            except self._deaths:  # a worker died between two items
                 self._broken = True
                 return
             self._under_way[future] = queue.popleft()
@@ -143,18 +156,18 @@ class _Pool(Generic[Item, Result]):
     def collect(self) -> tuple[list[tuple[Item, Result]], list[Item]]:
         """Wait a moment; the items with a result, and those that a broken executor lost."""
         done, _ = wait(self._under_way, _CHECK_STOP_EVERY_S, FIRST_COMPLETED)
-        if self._broken or any(isinstance(f.exception(), BrokenExecutor) for f in done):
+        if self._broken or any(isinstance(f.exception(), self._deaths) for f in done):
             # A broken executor ends every future, so none of them is left behind.
             done, _ = wait(self._under_way)
             self._executor.shutdown(wait=False)
-            self._executor, self._broken = self._make_pool(), False
+            self._executor, self._broken = self._workers.make_pool(), False
         finished: list[tuple[Item, Result]] = []
         lost: list[Item] = []
         for future in [future for future in self._under_way if future in done]:
             item = self._under_way.pop(future)
             try:
                 finished.append((item, future.result()))
-            except BrokenExecutor:
+            except self._deaths:
                 lost.append(item)
         return finished, lost
 
@@ -164,7 +177,7 @@ class _Pool(Generic[Item, Result]):
             future.cancel()
         for future, item in self._under_way.items():
             if not future.cancelled():
-                with suppress(BrokenExecutor):
+                with suppress(*self._deaths):
                     yield item, future.result()
         self._executor.shutdown(wait=True)
 

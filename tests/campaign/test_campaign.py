@@ -28,7 +28,7 @@ from simloop.campaign import (
 from simloop.campaign.spec import Request, RunSpec, parse_seeds, sweep_values
 from simloop.campaign.work import TIMING, do_run, row_of
 from simloop.common.errors import InputError
-from simloop.common.pool import worker_pools
+from simloop.common.pool import Workers, local_workers
 
 QUICK = ("time_limit_s=0.3", "goal=[1.5,0.0]")
 
@@ -139,7 +139,7 @@ def crash_at_two(one):
 
 def test_a_worker_that_dies_takes_no_other_run_with_it():
     specs = [spec(seed) for seed in range(6)]
-    found = dict(execute.run_all(specs, worker_pools(2), 2, work=crash_at_two))
+    found = dict(execute.run_all(specs, local_workers(2), work=crash_at_two))
     assert set(found) == set(specs)
     assert [s.seed for s, r in found.items() if r["outcome"] == "error"] == [2]
 
@@ -149,8 +149,7 @@ def test_a_stop_keeps_what_has_begun_and_begins_nothing():
     found = dict(
         execute.run_all(
             [spec(seed) for seed in range(100)],
-            lambda: ThreadPoolExecutor(1),
-            1,
+            Workers(lambda: ThreadPoolExecutor(1), 1),
             lambda: len(asked) > 3,
             lambda one: asked.append(one) or row(one.seed, True),
         )
@@ -158,8 +157,8 @@ def test_a_stop_keeps_what_has_begun_and_begins_nothing():
     assert set(asked) == set(found) and 3 < len(found) < 100
 
 
-def rows_by(make, workers):
-    found = dict(execute.run_all([spec(seed) for seed in range(4)], make, workers))
+def rows_by(workers):
+    found = dict(execute.run_all([spec(seed) for seed in range(4)], workers))
     return {
         s.seed: {k: v for k, v in r.items() if k not in TIMING} for s, r in found.items()
     }  # fmt: skip
@@ -169,14 +168,31 @@ def test_the_rows_do_not_depend_on_the_executor():
     distributed = pytest.importorskip("distributed")
     alone = {s.seed: {k: v for k, v in do_run(s).items() if k not in TIMING}
              for s in (spec(seed) for seed in range(4))}  # fmt: skip
-    assert rows_by(worker_pools(2), 2) == alone
+    assert rows_by(local_workers(2)) == alone
     with (
         distributed.LocalCluster(
             n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None
         ) as cluster,
-        execute.dask_cluster(cluster.scheduler_address) as (make, threads),
+        execute.dask_cluster(cluster.scheduler_address) as workers,
     ):
-        assert rows_by(make, threads) == alone
+        assert rows_by(workers) == alone
+
+
+def test_a_run_that_kills_its_cluster_worker_is_a_row_too():
+    distributed = pytest.importorskip("distributed")
+    dask = pytest.importorskip("dask")
+    specs = [spec(seed) for seed in range(1, 4)]
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None
+        ) as cluster,
+        execute.dask_cluster(cluster.scheduler_address) as workers,
+    ):
+        found = dict(execute.run_all(specs, workers, work=crash_at_two))
+    assert {s.seed: r["outcome"] for s, r in found.items()} == {
+        1: "reached", 2: "error", 3: "reached"
+    }  # fmt: skip
 
 
 def test_no_cluster_at_an_address_is_one_line():

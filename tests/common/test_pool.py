@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from simloop.common.pool import run_all, worker_pools
+from simloop.common.pool import Workers, local_workers, run_all
 
 
 def no_loss(item):
@@ -74,15 +74,13 @@ def wait_until(condition, seconds=20.0):
 
 
 def test_every_item_has_its_result():
-    found = dict(run_all(range(20), square, make_pool=worker_pools(2), workers=2,
-                         when_lost=no_loss))  # fmt: skip
+    found = dict(run_all(range(20), square, local_workers(2), when_lost=no_loss))
     assert found == {number: number * number for number in range(20)}
 
 
 def test_few_items_are_handed_out_ahead():
     handed = []
-    runner = run_all(range(100), square, make_pool=lambda: Counting(handed), workers=1,
-                     when_lost=no_loss)  # fmt: skip
+    runner = run_all(range(100), square, Workers(lambda: Counting(handed), 1), when_lost=no_loss)
     for count, _ in enumerate(runner, start=1):
         assert len(handed) <= count + 2
     assert len(handed) == 100
@@ -100,8 +98,14 @@ class Counting(ThreadPoolExecutor):
 
 def test_an_item_that_kills_its_worker_is_given_up_alone():
     lost = []
-    found = dict(run_all(range(6), die_at_two, make_pool=worker_pools(2), workers=2,
-                         when_lost=lambda item: lost.append(item) or "lost"))  # fmt: skip
+    found = dict(
+        run_all(
+            range(6),
+            die_at_two,
+            local_workers(2),
+            when_lost=lambda item: lost.append(item) or "lost",
+        )
+    )
     assert lost == [2]
     assert found == {0: 0, 1: 1, 2: "lost", 3: 3, 4: 4, 5: 5}
 
@@ -111,19 +115,19 @@ def test_the_last_item_is_given_up_however_late_it_kills_its_worker():
 
     def make_pool():
         assert len(made) < 5, "the item is tried again and again"
-        made.append(worker_pools(1)())
+        made.append(local_workers(1).make_pool())
         return made[-1]
 
-    found = dict(run_all(range(3), die_late_at_two, make_pool=make_pool, workers=1,
-                         when_lost=lambda item: "lost"))  # fmt: skip
+    found = dict(
+        run_all(range(3), die_late_at_two, Workers(make_pool, 1), when_lost=lambda item: "lost")
+    )
     assert found == {0: 0, 1: 1, 2: "lost"}
 
 
 def test_an_item_whose_worker_died_once_is_tried_again(tmp_path: Path):
     # It is the only item, so no other item can be suspected: it has a second try all the same.
     items = [tmp_path / "tried"]
-    found = list(run_all(items, die_at_first_try, make_pool=worker_pools(1), workers=1,
-                         when_lost=no_loss))  # fmt: skip
+    found = list(run_all(items, die_at_first_try, local_workers(1), when_lost=no_loss))
     assert found == [(items[0], "tried")]
 
 
@@ -134,21 +138,19 @@ class BrokenAtSubmit(ThreadPoolExecutor):
 
 def test_a_pool_that_broke_between_two_items_is_made_anew():
     pools = iter([BrokenAtSubmit(1), ThreadPoolExecutor(1)])
-    found = dict(run_all([3], square, make_pool=lambda: next(pools), workers=1, when_lost=no_loss))
+    found = dict(run_all([3], square, Workers(lambda: next(pools), 1), when_lost=no_loss))
     assert found == {3: 9}
 
 
 def test_an_error_of_the_work_goes_to_the_caller():
-    runner = run_all(range(6), fail_at_two, make_pool=worker_pools(1), workers=1,
-                     when_lost=no_loss)  # fmt: skip
+    runner = run_all(range(6), fail_at_two, local_workers(1), when_lost=no_loss)
     with pytest.raises(ValueError, match="two"):
         list(runner)
 
 
 @pytest.mark.parametrize("interrupt", [KeyboardInterrupt, GeneratorExit])
 def test_an_interrupt_ends_the_own_workers_and_no_other_process(bystander, interrupt):
-    runner = run_all([0, 1, 2, 3], sleep_long, make_pool=worker_pools(2), workers=2,
-                     when_lost=no_loss)  # fmt: skip
+    runner = run_all([0, 1, 2, 3], sleep_long, local_workers(2), when_lost=no_loss)
     assert next(runner) == (0, 0)
     assert own_workers(bystander)
     with pytest.raises(interrupt):

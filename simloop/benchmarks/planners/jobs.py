@@ -118,13 +118,7 @@ def run_jobs(
             yield job, do_job(job, tasks[job.task].instance)
         return
     items = [(job, tasks[job.task].instance) for job in jobs]
-    results = pool.run_all(
-        items,
-        _do_item,
-        make_pool=pool.worker_pools(workers),
-        workers=workers,
-        when_lost=_raise_lost,
-    )
+    results = pool.run_all(items, _do_item, pool.local_workers(workers), when_lost=_raise_lost)
     with closing(results):
         for (job, _), trials in results:
             yield job, trials
