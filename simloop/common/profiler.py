@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from time import perf_counter_ns
 from typing import Any, Protocol, TypeVar
@@ -64,16 +64,10 @@ class Stopwatch(Protocol):
 
 
 class Profiler:
-    """Measures named stages. Get a stage once and keep it; then each use costs about 0.2 us.
-
-    Iterating gives the pairs of a stage's name and its timer.
-    """
+    """Measures named stages. Get a stage once and keep it; then each use costs about 0.2 us."""
 
     def __init__(self) -> None:
         self._stages: dict[str, StageTimer] = {}
-
-    def __iter__(self) -> Iterator[tuple[str, StageTimer]]:
-        return iter(self._stages.items())
 
     def stage(self, name: str) -> StageTimer:
         """Give the timer of a stage.
