@@ -1,28 +1,32 @@
-# Each target sets up what it needs: python3 with venv, make and git are enough to begin with.
+# Each target installs what it needs first. You need only python3 with venv, make and git.
 PYTHON ?= python3
 VENV ?= .venv
 RUN ?= runs/demo
 PY := $(VENV)/bin/python
 READY := $(VENV)/.ready
-# One thread a process: the same result to the bit, and figures that mean something.
+# One thread in each process: results are the same to the bit, and timings can be compared.
 export OMP_NUM_THREADS ?= 1
 export NUMBA_NUM_THREADS ?= 1
 
 .PHONY: demo test slow lint bench setup clean help
 
 help:
-	@echo "make demo   the robot crosses the room; recording, pictures and figures in $(RUN)/"
-	@echo "make test   the tests (a few minutes)      make slow   the long ones"
-	@echo "make lint   ruff, mypy, import rules       make bench  speed and planners, as JSON"
+	@echo "make demo    drive the robot across the room; recording, pictures and figures in $(RUN)/"
+	@echo "make test    run the tests (a few minutes)"
+	@echo "make slow    run the long tests (many seeds)"
+	@echo "make lint    check style, types and the rules of imports"
+	@echo "make bench   measure speed and planners; figures as JSON in runs/bench/"
+	@echo "make setup   install simloop into $(VENV)/ (the other targets do it when needed)"
+	@echo "make clean   delete results, caches and build files"
 
 setup: $(READY)
 
 $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
-	  { echo "simloop needs Python 3.11 or newer; try: make PYTHON=python3.12" >&2; exit 1; }
+	  { echo "simloop needs Python 3.11 or newer; name one with: make PYTHON=python3.12" >&2; exit 1; }
 	@test -x $(PY) || $(PYTHON) -m venv $(VENV) || \
-	  { echo "the venv module is missing; try: apt-get install python3-venv" >&2; exit 1; }
-	@echo "installing simloop into $(VENV) (once, about two minutes)"
+	  { echo "the Python module venv is missing; on Debian and Ubuntu: apt-get install python3-venv" >&2; exit 1; }
+	@echo "installing simloop into $(VENV) (only once; takes about two minutes)"
 	@$(PY) -m pip install --quiet --disable-pip-version-check \
 	  --constraint constraints.txt --editable '.[bench,dask,dev,references,report,slam]'
 	@-$(PYTHON) scripts/rendering_libraries.py

@@ -1,4 +1,4 @@
-"""Many runs: scenarios x seeds x planners x sweeps, over processes or a cluster, resumable.
+"""Many runs of scenarios with several planners, settings and seeds, and what they show.
 
-Request -> RunSpec... -> Executor -> journal -> results.parquet -> report, thresholds, JUnit
+Request -> RunSpec... -> pool of workers -> journal -> results.parquet -> report, verdicts, JUnit.
 """

@@ -1,6 +1,7 @@
-"""Failures and worst runs once more, watched: a recording or pictures of each.
+"""Repeats failed and slow runs to record them or to draw pictures of them.
 
-A run is the same whoever watches it, so nothing need be recorded while thousands are made.
+A run is the same whether it is recorded or not. So a campaign records nothing while it runs, and
+repeats only the runs that somebody will look at.
 """
 
 from __future__ import annotations
@@ -10,25 +11,54 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from simloop.campaign.spec import RunSpec
-from simloop.campaign.work import Row
+from simloop.campaign.work import ERROR, Row
 from simloop.common.errors import InputError
 
 Done = tuple[RunSpec, Row]
+"""A run and its row."""
 
 
 def failures(runs: Sequence[Done], most: int) -> list[Done]:
-    """Those that did not arrive, the first ``most`` of them; errors have nothing to show."""
-    return [run for run in runs if not run[1]["success"] and run[1]["outcome"] != "error"][:most]
+    """Choose runs that did not reach the goal.
+
+    Args:
+        runs: All runs.
+        most: The greatest number of runs to choose.
+
+    Returns:
+        The first of them. Runs with the outcome ``error`` are left out: they cannot be repeated.
+    """
+    return [run for run in runs if not run[1]["success"] and run[1]["outcome"] != ERROR][:most]
 
 
 def worst(runs: Sequence[Done], most: int) -> list[Done]:
-    """Failures first, then those that took longest."""
+    """Choose the worst runs.
+
+    Args:
+        runs: All runs.
+        most: The greatest number of runs to choose.
+
+    Returns:
+        The failed runs first, then the successful runs that took longest.
+    """
     slow = sorted((run for run in runs if run[1]["success"]), key=lambda run: -run[1]["sim_time_s"])
     return [*failures(runs, most), *slow][:most]
 
 
 def record(runs: Sequence[Done], folder: Path) -> Iterator[Path]:
-    """A recording of each into ``folder``; what is there already is left as it is."""
+    """Repeat runs and record them.
+
+    Args:
+        runs: The runs.
+        folder: Where the recordings go; it is made if it does not exist. A recording that is
+            there already is kept.
+
+    Yields:
+        The file of each recording.
+
+    Raises:
+        InputError: If a recording cannot be written.
+    """
     from simloop.loop import Simulation
     from simloop.recording.outputs import Outputs
     from simloop.recording.watch import watch
@@ -36,7 +66,7 @@ def record(runs: Sequence[Done], folder: Path) -> Iterator[Path]:
 
     folder.mkdir(parents=True, exist_ok=True)
     for spec, _ in runs:
-        file = folder / f"{name_of(spec)}.rrd"
+        file = folder / f"{file_name(spec)}.rrd"
         if not file.exists():
             scenario, partial = spec.load(), file.with_suffix(".partial")
             world = build_world(scenario)
@@ -47,7 +77,15 @@ def record(runs: Sequence[Done], folder: Path) -> Iterator[Path]:
 
 
 def picture(spec: RunSpec, folder: Path) -> Path | None:
-    """The sheet of eight moments of a run; None where none can be drawn."""
+    """Repeat a run and draw its contact sheet: eight moments in one picture.
+
+    Args:
+        spec: The run.
+        folder: Where the pictures go.
+
+    Returns:
+        The contact sheet's file, or None if this machine cannot draw it.
+    """
     from simloop.loop import Simulation
     from simloop.recording.outputs import Outputs
     from simloop.recording.watch import watch
@@ -56,16 +94,23 @@ def picture(spec: RunSpec, folder: Path) -> Path | None:
     scenario = spec.load()
     world = build_world(scenario)
     try:
-        with watch(scenario, world, Outputs(snapshots=folder / name_of(spec))) as watched:
+        with watch(scenario, world, Outputs(snapshots=folder / file_name(spec))) as watched:
             Simulation(scenario, watched.listeners, world=world).run()
     except (InputError, OSError, RuntimeError):
         return None
-    sheets = sorted((folder / name_of(spec)).glob("*sheet*"))
+    sheets = sorted((folder / file_name(spec)).glob("*sheet*"))
     return sheets[0] if sheets else None
 
 
-def name_of(spec: RunSpec) -> str:
-    """A file's name for a run."""
+def file_name(spec: RunSpec) -> str:
+    """Name the files of a run.
+
+    Args:
+        spec: The run.
+
+    Returns:
+        A file name without suffix: scenario, planner, sweep and seed, safe for any file system.
+    """
     scenario, planner, sweep = spec.cell
     parts = [Path(scenario).stem, planner, sweep, f"seed{spec.seed}"]
     return re.sub(r"[^A-Za-z0-9_.=-]+", "-", "_".join(part for part in parts if part))

@@ -1,7 +1,8 @@
-"""Two campaigns side by side: what got significantly better or worse.
+"""Compares two campaigns and says what got significantly better or worse.
 
-Runs are paired by scenario, planner, sweep and seed. Success: McNemar's exact test; figures of runs
-that arrived in both: Wilcoxon's signed ranks. All p are corrected together by Holm.
+Runs are paired by scenario, planner, sweep and seed. Success is compared by McNemar's exact test.
+Figures are compared by Wilcoxon's signed-rank test over the pairs in which both runs reached the
+goal. All p values are corrected together by Holm's method.
 """
 
 from __future__ import annotations
@@ -13,20 +14,29 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
-from simloop.campaign.summary import FIGURES, Cell, cells_of, figure_of
+from simloop.campaign.spec import Cell
+from simloop.campaign.summary import FIGURES, cells_of, figure_of
 from simloop.campaign.work import Row
 from simloop.common.errors import InputError
 from simloop.evaluation.statistics import holm, wilcoxon
 
-_LEVEL = 0.05
+_SIGNIFICANCE = 0.05
 _MORE_IS_BETTER = ("success", "min_clearance_m")
 
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A figure in a cell: its means over the pairs, before and after, and how likely by chance.
+    """How one figure differs in one cell.
 
-    verdict: ``better``, ``worse``, or ``same`` where nothing significant is known.
+    Attributes:
+        cell: Scenario, planner and sweep.
+        figure: ``success`` or one of ``summary.FIGURES``.
+        pairs: The number of pairs of runs.
+        before: The mean over the pairs in the first campaign.
+        after: The mean over the pairs in the second campaign.
+        p: The p value of this comparison alone.
+        p_holm: The p value, corrected for the number of comparisons.
+        verdict: ``better`` or ``worse`` if the difference is significant, else ``same``.
     """
 
     cell: Cell
@@ -40,7 +50,18 @@ class Change:
 
 
 def compare(before: Sequence[Row], after: Sequence[Row]) -> list[Change]:
-    """All changes. Raises InputError where the two have no run in common."""
+    """Compare every figure in every cell that both campaigns have.
+
+    Args:
+        before: The rows of the first campaign.
+        after: The rows of the second campaign.
+
+    Returns:
+        One change for each cell and figure, also for those that are the same.
+
+    Raises:
+        InputError: If the two campaigns have no run in common.
+    """
     found = []
     others = cells_of(after)
     for cell, rows in cells_of(before).items():
@@ -48,7 +69,10 @@ def compare(before: Sequence[Row], after: Sequence[Row]) -> list[Change]:
         pairs = [(row, by_seed[row["seed"]]) for row in rows if row["seed"] in by_seed]
         found += _of_cell(cell, pairs) if pairs else []
     if not found:
-        raise InputError("--compare: the two campaigns have no run in common")
+        raise InputError(
+            "--compare: the two campaigns have no run in common: no scenario, planner, sweep and "
+            "seed occurs in both"
+        )
     corrected = holm([p for *_, p in found])
     return [
         Change(cell, name, count, old, new, p, adjusted, _verdict(name, old, new, adjusted))
@@ -57,7 +81,14 @@ def compare(before: Sequence[Row], after: Sequence[Row]) -> list[Change]:
 
 
 def to_table(change: Change) -> dict[str, Any]:
-    """For JSON."""
+    """Convert a change for JSON.
+
+    Args:
+        change: A change.
+
+    Returns:
+        Its values by name.
+    """
     return asdict(change)
 
 
@@ -65,6 +96,8 @@ _Raw = tuple[Cell, str, int, float, float, float]
 
 
 def _of_cell(cell: Cell, pairs: Sequence[tuple[Row, Row]]) -> list[_Raw]:
+    """Cell, figure, pairs, mean before, mean after and p, for each figure."""
+    # McNemar's exact test: of the pairs that differ, is each direction equally likely?
     won = sum(new["success"] and not old["success"] for old, new in pairs)
     lost = sum(old["success"] and not new["success"] for old, new in pairs)
     p = float(binomtest(won, won + lost).pvalue) if won + lost else 1.0
@@ -82,6 +115,6 @@ def _of_cell(cell: Cell, pairs: Sequence[tuple[Row, Row]]) -> list[_Raw]:
 
 
 def _verdict(name: str, before: float, after: float, p: float) -> str:
-    if not p < _LEVEL or before == after:
+    if not p < _SIGNIFICANCE or before == after:
         return "same"
     return "better" if (after > before) == (name in _MORE_IS_BETTER) else "worse"

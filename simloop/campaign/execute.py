@@ -1,45 +1,39 @@
-"""Runs through the standard Executor: processes here by default, a cluster by the same code."""
+"""Does the runs of a campaign: on processes of this machine, or on a Dask cluster."""
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    BrokenExecutor,
-    Executor,
-    Future,
-    ProcessPoolExecutor,
-    wait,
-)
-from contextlib import contextmanager, suppress
-from multiprocessing import get_context
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import BrokenExecutor
+from contextlib import contextmanager
 
 from simloop.campaign.spec import RunSpec
-from simloop.campaign.work import Row, do_run, leave_interrupts_to_the_parent, row_of
+from simloop.campaign.work import ERROR, Row, do_run, row_of
+from simloop.common import pool
 from simloop.common.errors import InputError
-
-_AHEAD = 2  # runs handed out for each worker: none waits, and few are lost with a pool
-_LOOK_S = 0.2
-_MOST_CRASHES = 2
-
-Make = Callable[[], Executor]
-
-
-def local(workers: int) -> Make:
-    """Processes of this machine, each begun afresh."""
-    return lambda: ProcessPoolExecutor(
-        workers, get_context("spawn"), leave_interrupts_to_the_parent
-    )
+from simloop.common.pool import Workers
 
 
 @contextmanager
-def dask(address: str) -> Iterator[tuple[Make, int]]:
-    """A Dask cluster: how to make its executor, and how many workers' threads it has."""
+def dask_cluster(address: str) -> Iterator[Workers]:
+    """Connect to a Dask cluster for the time of the context.
+
+    Args:
+        address: The address of the Dask scheduler, e.g. ``tcp://10.0.0.1:8786``.
+
+    Yields:
+        The cluster's workers. It does a run in each thread of its workers.
+
+    Raises:
+        InputError: If Dask is not installed, the scheduler does not answer, or the cluster has no
+            workers.
+    """
     try:
         from distributed import Client
+        from distributed.scheduler import KilledWorker
     except ImportError:
-        raise InputError("--dask needs Dask: pip install 'simloop[dask]'") from None
+        raise InputError(
+            "--dask: Dask is not installed; install it with: pip install 'simloop[dask]'"
+        ) from None
     try:
         client = Client(address, timeout=10)
     except (OSError, ValueError, TimeoutError) as error:
@@ -48,57 +42,40 @@ def dask(address: str) -> Iterator[tuple[Make, int]]:
         threads = sum(client.nthreads().values())
         if not threads:
             raise InputError(f"--dask {address}: the cluster has no workers")
-        yield client.get_executor, threads
+        yield Workers(
+            # Not pure: a run that is tried again must be a new task, not the failed one.
+            lambda: client.get_executor(pure=False),
+            threads,
+            (BrokenExecutor, KilledWorker),
+        )
 
 
 def run_all(
     specs: Sequence[RunSpec],
-    make: Make,
-    workers: int,
+    workers: Workers,
     stop: Callable[[], bool] = lambda: False,
     work: Callable[[RunSpec], Row] = do_run,
-) -> Iterator[tuple[RunSpec, Row]]:
-    """Each run with its row, as they are finished. stop: asked now and then; ends it early.
+) -> Generator[tuple[RunSpec, Row], None, None]:
+    """Do the runs and give each row as soon as its run is finished.
 
-    A pool whose worker died is made anew. The runs that were in it are suspects: they are tried
-    one at a time, and one that kills its worker again is told as an error.
+    A run whose worker process dies is tried once more alone. If the worker dies again, the run
+    gets a row with the outcome ``error``.
+
+    Args:
+        specs: The runs.
+        workers: Where the runs are done.
+        stop: Asked several times a second. Once it returns True, no further run is begun; the
+            runs that have begun are finished.
+        work: Makes the row of a run.
+
+    Returns:
+        A generator of pairs of a run and its row, in the order in which they are finished. Closing
+        it early ends the workers.
     """
-    waiting, suspects = deque(specs), deque[RunSpec]()
-    crashes: dict[RunSpec, int] = {}
-    under_way: dict[Future[Row], RunSpec] = {}
-    pool = make()
-    try:
-        while (waiting or suspects or under_way) and not stop():
-            queue, most = (suspects, 1) if suspects else (waiting, _AHEAD * workers)
-            while queue and len(under_way) < most:
-                spec = queue.popleft()
-                under_way[pool.submit(work, spec)] = spec
-            done, _ = wait(under_way, timeout=_LOOK_S, return_when=FIRST_COMPLETED)
-            broken: list[RunSpec] = []
-            for future in done:
-                spec = under_way.pop(future)
-                try:
-                    yield spec, future.result()
-                except BrokenExecutor:
-                    broken.append(spec)
-            if broken:
-                broken += under_way.values()
-                under_way.clear()
-                for spec in broken:
-                    crashes[spec] = crashes.get(spec, 0) + (1 if len(broken) > 1 else _MOST_CRASHES)
-                    if crashes[spec] >= _MOST_CRASHES and len(broken) == 1:
-                        yield spec, row_of(spec, "error", error="its worker process died")
-                    else:
-                        suspects.append(spec)
-                pool.shutdown(wait=False)
-                pool = make()
-        for future in under_way:
-            future.cancel()
-        for future, spec in under_way.items():  # stopped: what has begun is finished
-            if not future.cancelled():
-                with suppress(BrokenExecutor):
-                    yield spec, future.result()
-    finally:
-        for future in under_way:
-            future.cancel()
-        pool.shutdown(wait=True)
+    return pool.run_all(
+        specs,
+        work,
+        workers,
+        when_lost=lambda spec: row_of(spec, ERROR, error="its worker process died twice"),
+        stop=stop,
+    )

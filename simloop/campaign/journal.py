@@ -1,8 +1,9 @@
-"""The campaign's folder: what was asked, and each finished run, safe the moment it is finished.
+"""Keeps a campaign's folder: the request, and every finished run as soon as it is finished.
 
 campaign.json     the request
-journal.jsonl     a line a run, synced to the disk; a line torn by a kill is run again
-results.parquet   all rows in the request's order, written whole when the campaign stops
+journal.jsonl     one line for each finished run, on the disk before the next run counts; a line
+                  that a kill cut off is dropped, and its run is done again
+results.parquet   all rows in the order of the request, written when the campaign stops
 """
 
 from __future__ import annotations
@@ -22,15 +23,30 @@ from simloop.common.files import check_directory, write_bytes, write_text
 
 
 class Journal:
-    """Rows by their runs' keys. Use as a context: one process at a time may have a folder."""
+    """The finished runs of a campaign. Use it as a context; only one process may hold a folder.
+
+    Attributes:
+        rows: The row of each finished run, by ``RunSpec.key``.
+    """
 
     def __init__(self, folder: Path, request: Request) -> None:
+        """Prepare a journal. Nothing is read or written before the context is entered.
+
+        Args:
+            folder: The campaign's folder.
+            request: What the campaign runs.
+        """
         self._folder, self._request = folder, request
         self.rows: dict[str, Row] = {}
         self._file: IO[bytes] | None = None
 
     def __enter__(self) -> Journal:
-        """Take the folder, and read what is done. Raises InputError where it is another's."""
+        """Lock the folder, and read which runs are finished.
+
+        Raises:
+            InputError: If the folder cannot be written, another process is using it, it holds
+                another campaign, or its files are damaged.
+        """
         check_directory(self._folder, "--out")
         self._folder.mkdir(parents=True, exist_ok=True)
         file = (self._folder / "journal.jsonl").open("a+b")
@@ -38,7 +54,9 @@ class Journal:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             file.close()
-            raise InputError(f"{self._folder}: another campaign is running there") from None
+            raise InputError(
+                f"{self._folder}: another process is running a campaign there"
+            ) from None
         try:
             self._take_over(file)
         except InputError:
@@ -58,7 +76,16 @@ class Journal:
             self._file = None
 
     def add(self, spec: RunSpec, row: Row) -> None:
-        """Keep a finished run; once this returns, no kill can lose it."""
+        """Keep a finished run. Once this returns, the run is on the disk and cannot be lost.
+
+        Args:
+            spec: The run.
+            row: Its row.
+
+        Raises:
+            RuntimeError: If the journal's context is not entered.
+            OSError: If the disk is full.
+        """
         if self._file is None:
             raise RuntimeError("the journal is not open")
         line = json.dumps({"key": spec.key, "row": row}) + "\n"
@@ -68,7 +95,14 @@ class Journal:
         self.rows[spec.key] = row
 
     def missing(self, specs: Sequence[RunSpec]) -> list[RunSpec]:
-        """Those that are not done yet."""
+        """Choose the runs that are not finished yet.
+
+        Args:
+            specs: Runs.
+
+        Returns:
+            Those of them that the journal lacks, in their order.
+        """
         return [spec for spec in specs if spec.key not in self.rows]
 
     def _take_over(self, file: IO[bytes]) -> None:
@@ -80,13 +114,15 @@ class Journal:
         whole = 0
         for line in file:
             if not line.endswith(b"\n"):
-                break  # torn: its run is done again
+                break  # cut off by a kill: this run is done again
             try:
                 entry = json.loads(line)
                 self.rows[entry["key"]] = entry["row"]
             except (ValueError, KeyError, TypeError):
                 where = f"{self._folder}/journal.jsonl, byte {whole}"
-                raise InputError(f"{where}: not a line of a campaign's journal") from None
+                raise InputError(
+                    f"{where}: not a line of a campaign's journal; the file is damaged"
+                ) from None
             whole += len(line)
         file.truncate(whole)
 
@@ -95,16 +131,27 @@ class Journal:
             before = json.loads(asked.read_text(encoding="utf-8"))
             seeds = before["seeds"]
         except (OSError, ValueError, KeyError, TypeError):
-            raise InputError(f"{asked}: not a campaign's request") from None
+            raise InputError(f"{asked}: cannot be read as a campaign's request") from None
         if not self._request.extends(before):
             raise InputError(
                 f"{self._folder}: holds another campaign ({', '.join(before['scenarios'])}, seeds "
-                f"{seeds[0]}:{seeds[1]}); only the seeds may differ: take another --out"
+                f"{seeds[0]}:{seeds[1]}); only the seeds may differ, so give another --out"
             )
 
 
 def write_results(folder: Path, rows: Sequence[Row]) -> Path:
-    """``results.parquet``, whole or not at all. Raises InputError where it cannot be written."""
+    """Write ``results.parquet``. An interruption leaves the whole file or none.
+
+    Args:
+        folder: The campaign's folder.
+        rows: The rows. A column that a row lacks is empty there.
+
+    Returns:
+        The file.
+
+    Raises:
+        InputError: If the file cannot be written.
+    """
     import io
 
     import pyarrow as pa
@@ -120,7 +167,17 @@ def write_results(folder: Path, rows: Sequence[Row]) -> Path:
 
 
 def read_results(path: Path) -> list[Row]:
-    """The rows of a campaign's folder, or of its Parquet file. Raises InputError."""
+    """Read the results of a campaign.
+
+    Args:
+        path: The campaign's folder, or its Parquet file.
+
+    Returns:
+        The rows.
+
+    Raises:
+        InputError: If there is no such file, or it does not hold a campaign's results.
+    """
     import pyarrow as pa
     from pyarrow import parquet
 
@@ -132,12 +189,13 @@ def read_results(path: Path) -> list[Row]:
         raise InputError(f"{file}: {reason}") from None
     needed = {"scenario", "planner", "sweep", "seed", "outcome", "success"}
     if not rows or not needed <= rows[0].keys():
-        raise InputError(f"{file}: not the results of a campaign")
+        columns = ", ".join(sorted(needed))
+        raise InputError(f"{file}: not a campaign's results; it needs rows with {columns}")
     return rows
 
 
 def _column(pa: Any, values: list[Any]) -> Any:
-    """Numbers may be whole in one run and not in another."""
+    """Make a column; a figure may be an int in one row and a float in another."""
     if any(isinstance(value, float) for value in values):
         values = [None if value is None else float(value) for value in values]
     return pa.array(values)

@@ -1,10 +1,10 @@
-"""A pytest fixture: a reach-goal regression of one's own in three lines.
+"""A pytest fixture that runs a scenario and checks that the robot reaches its goal.
 
     def test_my_room(simloop_run):
         run = simloop_run("my_room.toml", seed=3)
         run.assert_reached(within_s=30.0)
 
-Nothing of the simulator is imported before the fixture is used.
+The simulator is imported only when a test uses the fixture.
 """
 
 from __future__ import annotations
@@ -22,9 +22,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class SimloopRun:
-    """One run: its ``outcome``, all its figures (as ``simloop run --json``), and how to repeat it.
+    """A finished run.
 
-    folder: where a recording is put if an assertion fails.
+    Attributes:
+        spec: The run's description.
+        metrics: All its figures, as ``simloop run --json`` writes them.
+        folder: Where a recording goes if an assertion fails.
     """
 
     spec: RunSpec
@@ -39,9 +42,16 @@ class SimloopRun:
     def assert_reached(
         self, within_s: float | None = None, path_ratio: float | None = None
     ) -> None:
-        """The goal was reached; in so many simulated seconds; on a path so many times the shortest.
+        """Check that the robot reached the goal.
 
-        Raises AssertionError that says what happened, how to repeat it and where it is recorded.
+        Args:
+            within_s: The most simulated time that it may have taken, s. None: no limit.
+            path_ratio: The greatest length of its path, as a multiple of the shortest safe path.
+                None: no limit.
+
+        Raises:
+            AssertionError: If it did not. The message says what happened, which command repeats
+                the run and where the run is recorded.
         """
         __tracebackhide__ = True
         wrong = self._wrong(within_s, path_ratio)
@@ -59,7 +69,7 @@ class SimloopRun:
             return f"reached after {took:.1f} s, not within {within_s:g} s"
         ratio = figure_of(self.metrics, "path_ratio")
         if path_ratio is not None and ratio is not None and ratio > path_ratio:
-            return f"reached on {ratio:.3f} times the shortest path, not {path_ratio:g} times"
+            return f"reached on {ratio:.3f} times the shortest path, more than {path_ratio:g} times"
         return ""
 
     def _recorded(self) -> str:
@@ -71,7 +81,16 @@ class SimloopRun:
 
 @pytest.fixture
 def simloop_run(tmp_path: Path) -> Callable[..., SimloopRun]:
-    """Run a scenario: ``simloop_run(name_or_file, seed=0, planner=None, overrides=())``."""
+    """Give a function that runs a scenario.
+
+    Args:
+        tmp_path: pytest's directory for this test.
+
+    Returns:
+        ``simloop_run(scenario, seed=0, planner=None, overrides=())``: the scenario is a name or a
+        TOML file, the planner a name, and each override a text ``key=value``. It returns a
+        ``SimloopRun`` and raises InputError if the scenario is wrong.
+    """
 
     def run(
         scenario: str | Path,

@@ -1,4 +1,4 @@
-"""The campaign's report: one HTML page that needs nothing beside it."""
+"""Writes a campaign's report: one HTML page with all its pictures inside."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 from simloop.campaign import closer_look
 from simloop.campaign.spec import RunSpec
-from simloop.campaign.summary import FIGURES, summarise
+from simloop.campaign.summary import FIGURES, name_of, summarise
 from simloop.campaign.thresholds import Verdict
 from simloop.campaign.work import Row
 from simloop.common.errors import InputError
@@ -18,22 +18,39 @@ from simloop.common.html_images import embedded
 
 _TEMPLATE = Path(__file__).with_name("page.html.j2")
 _PICTURES = 4
-_LISTED = 200
+_FAILURES_LISTED = 200
 
 
 def check() -> None:
-    """Raises InputError where a library for the page is missing."""
+    """Check that the libraries for the report are installed.
+
+    Raises:
+        InputError: If one is missing.
+    """
     for name in ("jinja2", "matplotlib"):
         try:
             importlib.import_module(name)
         except ImportError:
             raise InputError(
-                f"the report needs {name}: pip install 'simloop[report]', or give --no-report"
+                f"the report needs {name}, which is not installed: "
+                "pip install 'simloop[report]', or give --no-report"
             ) from None
 
 
 def write(folder: Path, runs: Sequence[tuple[RunSpec, Row]], verdicts: Sequence[Verdict]) -> Path:
-    """Draw the worst runs and write ``report.html``."""
+    """Draw pictures of the worst runs and write ``report.html``.
+
+    Args:
+        folder: Where the report goes.
+        runs: Each run with its row.
+        verdicts: The verdicts on these runs.
+
+    Returns:
+        The report's file.
+
+    Raises:
+        InputError: If the file cannot be written.
+    """
     file = folder / "report.html"
     write_text(file, render(runs, verdicts, _pictures(closer_look.worst(runs, _PICTURES))))
     return file
@@ -44,7 +61,17 @@ def render(
     verdicts: Sequence[Verdict],
     pictures: Sequence[tuple[RunSpec, Row, str]],
 ) -> str:
-    """The page's text. pictures: runs with an ``img`` element, or an empty text."""
+    """Make the text of the report.
+
+    Args:
+        runs: Each run with its row.
+        verdicts: The verdicts on these runs.
+        pictures: The worst runs, each with its row and a picture as an HTML ``img`` element. The
+            element is empty if no picture could be drawn.
+
+    Returns:
+        The HTML page.
+    """
     jinja2 = importlib.import_module("jinja2")
     charts = importlib.import_module("simloop.campaign.charts")
     rows = [row for _, row in runs]
@@ -55,16 +82,16 @@ def render(
     failed = [run for run in runs if not run[1]["success"]]
     text: str = environment.from_string(_TEMPLATE.read_text(encoding="utf-8")).render(
         runs=len(runs),
-        arrived=len(runs) - len(failed),
+        reached=len(runs) - len(failed),
         summaries=summaries,
         figures=FIGURES,
         verdicts=verdicts,
-        failed=failed[:_LISTED],
-        left_out=max(0, len(failed) - _LISTED),
+        failed=failed[:_FAILURES_LISTED],
+        left_out=max(0, len(failed) - _FAILURES_LISTED),
         pictures=pictures,
         success=charts.success(summaries),
         distributions=charts.distributions(rows),
-        name_of=charts.name_of,
+        name_of=name_of,
     )
     return text
 
@@ -79,9 +106,9 @@ def _pictures(runs: Sequence[tuple[RunSpec, Row]]) -> list[tuple[RunSpec, Row, s
 
 
 def _as_jpeg(sheet: Path) -> str:
-    """A tenth of the PNG's bytes, and as good to look at."""
+    """A JPEG has a tenth of the PNG's bytes and looks the same on the page."""
     import cv2
 
     image = cv2.imread(str(sheet))
     assert image is not None
-    return embedded(cv2.imencode(".jpg", image)[1].tobytes(), "jpeg", "eight moments")
+    return embedded(cv2.imencode(".jpg", image)[1].tobytes(), "jpeg", "eight moments of the run")

@@ -1,4 +1,4 @@
-"""What a campaign runs: a request, and the single runs that it stands for."""
+"""Describes what a campaign runs: the request, and the single runs that it stands for."""
 
 from __future__ import annotations
 
@@ -15,15 +15,24 @@ from simloop.common.errors import InputError
 from simloop.scenario.load import load
 from simloop.scenario.scenario import Scenario
 
+Cell = tuple[str, str, str]
+"""Scenario, planner and sweep: what the runs with different seeds have in common."""
+
 _MOST_RUNS = 1_000_000
+_MOST_STEPS = 10_000
 _STEPS = re.compile(r"(-?[\d.eE+-]+):(-?[\d.eE+-]+):([\d.eE+-]+)\Z")
 
 
 @dataclass(frozen=True, slots=True)
 class RunSpec:
-    """One run, wholly described. sweep: ``key=value`` of each swept key; overrides: of the others.
+    """The full description of one run.
 
-    planner: None for the scenario's own.
+    Attributes:
+        scenario: A scenario's name or file.
+        planner: A planner's name. None: the scenario's own.
+        sweep: ``key=value`` for each swept key.
+        overrides: ``key=value`` for each other key that is set.
+        seed: The run's seed.
     """
 
     scenario: str
@@ -34,21 +43,32 @@ class RunSpec:
 
     @property
     def key(self) -> str:
-        """What names this run among all others, in one line."""
+        """A text in one line that no other run has."""
         return json.dumps(list(asdict(self).values()))
 
     @property
-    def cell(self) -> tuple[str, str, str]:
-        """Scenario, planner and sweep: what runs of other seeds have in common."""
+    def cell(self) -> Cell:
+        """Scenario, planner and sweep, each as a text that may be empty."""
         return self.scenario, self.planner or "", "; ".join(self.sweep)
 
     def load(self) -> Scenario:
-        """The scenario with all overrides. Raises InputError."""
+        """Load the scenario with all overrides.
+
+        Returns:
+            The scenario.
+
+        Raises:
+            InputError: If the scenario, the planner or an override is wrong.
+        """
         every = [*self.overrides, *self.sweep]
         return load(self.scenario, every, seed=self.seed, planner=self.planner)
 
     def command(self) -> str:
-        """The line that does the same run alone."""
+        """Give the command that does this run alone.
+
+        Returns:
+            A line for the shell.
+        """
         parts = ["simloop run", self.scenario, f"--seed {self.seed}"]
         parts += [f"--planner {self.planner}"] if self.planner else []
         return " ".join(parts + [f"--set '{text}'" for text in (*self.overrides, *self.sweep)])
@@ -56,7 +76,15 @@ class RunSpec:
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """scenarios: names or files. seeds: (first, beyond the last). sweeps: ``key=v1,v2,...``."""
+    """All that a campaign shall run: every combination of what is named here.
+
+    Attributes:
+        scenarios: Names or files of scenarios.
+        seeds: The first seed, and the one after the last.
+        planners: Planners' names. Empty: each scenario's own.
+        overrides: ``key=value`` for all runs.
+        sweeps: ``key=v1,v2,...`` or ``key=first:last:step``.
+    """
 
     scenarios: tuple[str, ...]
     seeds: tuple[int, int]
@@ -65,12 +93,19 @@ class Request:
     sweeps: tuple[str, ...] = ()
 
     def runs(self) -> list[RunSpec]:
-        """All the runs, in their order. Raises InputError for a sweep that cannot be read."""
+        """List all runs.
+
+        Returns:
+            The runs: scenario by scenario, then planners, sweep values and seeds.
+
+        Raises:
+            InputError: If a sweep cannot be read, or there are too many runs.
+        """
         swept = [sweep_values(text) for text in self.sweeps]
         count = len(self.scenarios) * max(1, len(self.planners)) * (self.seeds[1] - self.seeds[0])
         count *= int(np.prod([len(values) for values in swept]))
         if count > _MOST_RUNS:
-            raise InputError(f"{count:,} runs: no campaign has more than {_MOST_RUNS:,}")
+            raise InputError(f"campaign: {count:,} runs are too many; at most {_MOST_RUNS:,}")
         cells = product(self.scenarios, self.planners or (None,), product(*swept))
         return [
             RunSpec(scenario, planner, tuple(sweep), self.overrides, seed)
@@ -79,17 +114,32 @@ class Request:
         ]
 
     def check(self) -> None:
-        """Load each cell's first run: what is wrong with one is said before any is begun."""
+        """Load one run of each cell, so that wrong input is found before the first run.
+
+        Raises:
+            InputError: If a scenario, a planner or a key is wrong.
+        """
         for spec in first_of_each_cell(self.runs()):
             spec.load()
 
     def extends(self, other: dict[str, Any]) -> bool:
-        """Whether this asks for the same as a saved request, its seeds aside."""
+        """Tell whether this request differs from a saved one in its seeds only.
+
+        Args:
+            other: The saved request, as ``to_table`` gives it.
+
+        Returns:
+            True if all else is the same.
+        """
         mine = self.to_table()
         return {**mine, "seeds": None} == {**other, "seeds": None}
 
     def to_table(self) -> dict[str, Any]:
-        """For JSON."""
+        """Convert the request for JSON.
+
+        Returns:
+            Its values by name.
+        """
         return {
             key: list(value) if isinstance(value, tuple) else value
             for key, value in asdict(self).items()
@@ -97,8 +147,15 @@ class Request:
 
 
 def first_of_each_cell(specs: Sequence[RunSpec]) -> Iterator[RunSpec]:
-    """One run of each cell."""
-    seen: set[tuple[str, str, str]] = set()
+    """Choose one run of each cell.
+
+    Args:
+        specs: Runs.
+
+    Yields:
+        The first run of each cell.
+    """
+    seen: set[Cell] = set()
     for spec in specs:
         if spec.cell not in seen:
             seen.add(spec.cell)
@@ -106,22 +163,44 @@ def first_of_each_cell(specs: Sequence[RunSpec]) -> Iterator[RunSpec]:
 
 
 def parse_seeds(text: str) -> tuple[int, int]:
-    """(A, B) of ``A:B``, from A to before B; a single number N stands for 0:N."""
+    """Read a range of seeds.
+
+    Args:
+        text: ``A:B``, the seeds from A to B-1, or a single number N, which means 0:N.
+
+    Returns:
+        A and B.
+
+    Raises:
+        InputError: If the text is not such a range, or the range is empty.
+    """
     first, colon, last = text.partition(":")
     try:
         seeds = (int(first), int(last)) if colon else (0, int(first))
     except ValueError:
-        raise InputError(f"--seeds {text}: write A:B, from A to before B, e.g. 0:50") from None
+        raise InputError(
+            f"--seeds {text}: not a range; write A:B for the seeds from A to B-1, e.g. 0:50"
+        ) from None
     if seeds[0] < 0 or seeds[1] <= seeds[0]:
-        raise InputError(f"--seeds {text}: from A to before B, 0 <= A < B")
+        raise InputError(f"--seeds {text}: an empty range; A:B needs 0 <= A < B")
     return seeds
 
 
 def sweep_values(text: str) -> list[str]:
-    """``key=value`` for each value of ``key=v1,v2,...`` or ``key=first:last:step``."""
+    """Read the values of a sweep.
+
+    Args:
+        text: ``key=v1,v2,...`` or ``key=first:last:step``.
+
+    Returns:
+        ``key=value`` for each value.
+
+    Raises:
+        InputError: If the text is not a sweep, or its range is empty or too long.
+    """
     key, equals, values = text.partition("=")
     if not equals or not key.strip() or not values.strip():
-        raise InputError(f"--sweep {text}: write key=v1,v2,... or key=first:last:step")
+        raise InputError(f"--sweep {text}: not a sweep; write KEY=V1,V2,... or KEY=FIRST:LAST:STEP")
     steps = _STEPS.match(values.strip())
     parts = _stepped(text, *steps.groups()) if steps else _split(values)
     return [f"{key.strip()}={part.strip()}" for part in parts]
@@ -132,14 +211,19 @@ def _stepped(text: str, first: str, last: str, step: str) -> list[str]:
         low, high, by = float(first), float(last), float(step)
         count = int(np.floor((high - low) / by + 1e-9)) + 1
     except (ValueError, ZeroDivisionError, OverflowError):
-        raise InputError(f"--sweep {text}: first:last:step must be numbers") from None
-    if by <= 0.0 or not 1 <= count <= 10_000:
-        raise InputError(f"--sweep {text}: from first up to last, by a step above 0")
+        raise InputError(
+            f"--sweep {text}: FIRST:LAST:STEP must be numbers, and STEP not 0"
+        ) from None
+    if by <= 0.0 or not 1 <= count <= _MOST_STEPS:
+        raise InputError(
+            f"--sweep {text}: FIRST:LAST:STEP needs FIRST <= LAST and STEP > 0, "
+            f"and at most {_MOST_STEPS:,} values"
+        )
     return [f"{low + by * k:.10g}" for k in range(count)]
 
 
 def _split(values: str) -> list[str]:
-    """At commas that stand in no brackets and no quotes."""
+    """Split at commas outside brackets and quotes."""
     parts, depth, quoted = [""], 0, False
     for sign in values:
         quoted ^= sign == '"'

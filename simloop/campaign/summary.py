@@ -1,4 +1,4 @@
-"""A campaign's rows summed up, cell by cell: rates with intervals, and figures' spread."""
+"""Sums up the rows of a campaign cell by cell: success rates with intervals, figures' spread."""
 
 from __future__ import annotations
 
@@ -9,22 +9,32 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
+from simloop.campaign.spec import Cell
 from simloop.campaign.work import Row
 
-Cell = tuple[str, str, str]
 FIGURES = ("sim_time_s", "path_ratio", "min_clearance_m", "ate_rmse_m", "energy_j")
-"""What a summary and a report show of the runs that arrived."""
+"""The figures that a summary and a report show. They are taken over the successful runs."""
 
 
 @dataclass(frozen=True, slots=True)
 class CellSummary:
-    """success: the share of runs that arrived, with Wilson's 95 % interval; outcomes: how many.
+    """What the runs of one cell have in common.
 
-    figures: name -> mean, p50, p95, min, max over the runs that arrived.
+    Attributes:
+        cell: Scenario, planner and sweep.
+        runs: The number of runs.
+        reached: The number of runs that reached the goal.
+        success: The share of runs that reached the goal, 0 to 1.
+        low: Lower end of Wilson's 95 % interval of ``success``.
+        high: Upper end of that interval.
+        outcomes: The number of runs with each outcome.
+        figures: For each name in ``FIGURES`` that was measured, its ``spread`` over the successful
+            runs.
     """
 
     cell: Cell
     runs: int
+    reached: int
     success: float
     low: float
     high: float
@@ -32,8 +42,27 @@ class CellSummary:
     figures: dict[str, dict[str, float]]
 
 
+def name_of(cell: Cell) -> str:
+    """Name a cell in one line.
+
+    Args:
+        cell: Scenario, planner and sweep.
+
+    Returns:
+        The parts that are not empty, separated by commas.
+    """
+    return ", ".join(part for part in cell if part)
+
+
 def cells_of(rows: Sequence[Row]) -> dict[Cell, list[Row]]:
-    """Rows by scenario, planner and sweep, in their order."""
+    """Group rows by cell.
+
+    Args:
+        rows: Rows of one campaign.
+
+    Returns:
+        The rows of each cell. Cells and rows keep their order.
+    """
     cells: dict[Cell, list[Row]] = {}
     for row in rows:
         cells.setdefault((row["scenario"], row["planner"], row["sweep"]), []).append(row)
@@ -41,12 +70,28 @@ def cells_of(rows: Sequence[Row]) -> dict[Cell, list[Row]]:
 
 
 def summarise(rows: Sequence[Row]) -> list[CellSummary]:
-    """Each cell's summary."""
+    """Sum up every cell.
+
+    Args:
+        rows: Rows of one campaign.
+
+    Returns:
+        One summary for each cell.
+    """
     return [_summary(cell, mine) for cell, mine in cells_of(rows).items()]
 
 
 def figure_of(row: Row, name: str) -> float | None:
-    """A row's number by its name; path_ratio is the path over the shortest. None: there is none."""
+    """Look up a number in a row.
+
+    Args:
+        row: A run's row, or its metrics.
+        name: A column's name, or ``path_ratio``: the path length divided by the length of the
+            shortest safe path.
+
+    Returns:
+        The number, or None if the row has no such number.
+    """
     if name == "path_ratio":
         path, shortest = row.get("path_length_m"), row.get("shortest_path_m")
         return path / shortest if path is not None and shortest else None
@@ -56,7 +101,14 @@ def figure_of(row: Row, name: str) -> float | None:
 
 
 def spread(values: Sequence[float]) -> dict[str, float]:
-    """mean, p50, p95, min and max."""
+    """Describe how values are distributed.
+
+    Args:
+        values: At least one number.
+
+    Returns:
+        The mean, the median (p50), the 95th percentile (p95), the minimum and the maximum.
+    """
     array = np.array(values)
     return {
         "mean": float(array.mean()),
@@ -68,7 +120,14 @@ def spread(values: Sequence[float]) -> dict[str, float]:
 
 
 def to_table(summary: CellSummary) -> dict[str, Any]:
-    """For JSON."""
+    """Convert a summary for JSON.
+
+    Args:
+        summary: A cell's summary.
+
+    Returns:
+        Its values by name.
+    """
     scenario, planner, sweep = summary.cell
     return {
         "scenario": scenario,
@@ -83,17 +142,23 @@ def to_table(summary: CellSummary) -> dict[str, Any]:
 
 
 def _summary(cell: Cell, rows: Sequence[Row]) -> CellSummary:
-    arrived = [row for row in rows if row["success"]]
-    interval = binomtest(len(arrived), len(rows)).proportion_ci(0.95, method="wilson")
+    succeeded = [row for row in rows if row["success"]]
+    interval = binomtest(len(succeeded), len(rows)).proportion_ci(0.95, method="wilson")
     outcomes: dict[str, int] = {}
     for row in rows:
         outcomes[row["outcome"]] = outcomes.get(row["outcome"], 0) + 1
     figures = {}
     for name in FIGURES:
-        values = [v for row in arrived if (v := figure_of(row, name)) is not None]
+        values = [v for row in succeeded if (v := figure_of(row, name)) is not None]
         if values:
             figures[name] = spread(values)
-    share = len(arrived) / len(rows)
     return CellSummary(
-        cell, len(rows), share, float(interval.low), float(interval.high), outcomes, figures
+        cell=cell,
+        runs=len(rows),
+        reached=len(succeeded),
+        success=len(succeeded) / len(rows),
+        low=float(interval.low),
+        high=float(interval.high),
+        outcomes=outcomes,
+        figures=figures,
     )

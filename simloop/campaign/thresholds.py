@@ -1,4 +1,4 @@
-"""What a campaign must hold, as ``name>=value``, in each of its cells."""
+"""Checks what each cell of a campaign must fulfil, written as ``name>=value``."""
 
 from __future__ import annotations
 
@@ -6,24 +6,31 @@ import operator
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from simloop.campaign.summary import Cell, cells_of, figure_of, spread
-from simloop.campaign.work import Row
+from simloop.campaign.spec import Cell
+from simloop.campaign.summary import cells_of, figure_of, spread
+from simloop.campaign.work import OUTCOMES, REACHED, Row
 from simloop.common.errors import InputError, did_you_mean
-from simloop.evaluation.referee import Outcome
 
 _FORM = re.compile(r"\s*(\w+?)\s*(>=|<=|>|<|==)\s*([-+\d.eE]+)\s*\Z")
 _COMPARE: dict[str, Callable[[float, float], bool]] = {
     ">=": operator.ge, "<=": operator.le, ">": operator.gt, "<": operator.lt, "==": operator.eq,
 }  # fmt: skip
 _STATISTICS = ("mean", "p50", "p95", "min", "max")
-_SUFFIX = "_rate"
+_RATE, _SUCCESS = "_rate", "success"
 
 
 @dataclass(frozen=True, slots=True)
 class Threshold:
-    """name: success_rate, the rate of any other outcome (collision_rate, ...), or a figure with
-    its statistic (sim_time_s_p95), over the runs that arrived."""
+    """A limit for a rate or for a statistic of a figure.
+
+    Attributes:
+        name: ``success_rate``, the rate of another outcome (e.g. ``collision_rate``), or a figure
+            with a statistic (e.g. ``sim_time_s_p95``), which is taken over the successful runs.
+        sign: One of ``>= <= > < ==``.
+        limit: The limit, in the figure's unit; a rate is a share from 0 to 1.
+    """
 
     name: str
     sign: str
@@ -35,7 +42,13 @@ class Threshold:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """A threshold in a cell. value: None where there is nothing to measure: it does not hold."""
+    """Whether a threshold holds in a cell.
+
+    Attributes:
+        threshold: The threshold.
+        cell: Scenario, planner and sweep.
+        value: What was measured. None if there was nothing to measure; then it does not hold.
+    """
 
     threshold: Threshold
     cell: Cell
@@ -43,32 +56,66 @@ class Verdict:
 
     @property
     def holds(self) -> bool:
-        """Whether it is kept."""
+        """Whether the measured value keeps the limit."""
         if self.value is None:
             return False
         return _COMPARE[self.threshold.sign](self.value, self.threshold.limit)
 
+    @property
+    def measured(self) -> str:
+        """The measured value as text."""
+        return "nothing to measure" if self.value is None else f"{self.value:.6g}"
+
 
 def parse(text: str) -> Threshold:
-    """Raises InputError for what is not a threshold."""
+    """Read a threshold.
+
+    Args:
+        text: For example ``success_rate>=0.98``.
+
+    Returns:
+        The threshold.
+
+    Raises:
+        InputError: If the text is not a threshold, or names an unknown outcome.
+    """
     form = _FORM.match(text)
     if form is None:
-        raise InputError(f"--require {text}: write e.g. success_rate>=0.98 or sim_time_s_p95<=30")
+        raise InputError(
+            f"--require {text}: not a threshold; write NAME>=VALUE with one of >= <= > < ==, "
+            "e.g. success_rate>=0.98 or sim_time_s_p95<=30"
+        )
     name, sign, number = form.groups()
     try:
         limit = float(number)
     except ValueError:
         raise InputError(f"--require {text}: {number} is not a number") from None
-    if not name.endswith(_SUFFIX) and name.rpartition("_")[2] not in _STATISTICS:
-        choices = [f"{name}_{one}" for one in _STATISTICS]
-        raise InputError(f"--require {text}: say which of {', '.join(choices)}, or a rate")
+    if name.endswith(_RATE):
+        _check_rate(text, name.removesuffix(_RATE))
+    elif name.rpartition("_")[2] not in _STATISTICS:
+        choices = ", ".join(f"{name}_{one}" for one in _STATISTICS)
+        raise InputError(
+            f"--require {text}: '{name}' is neither a rate, e.g. success_rate, nor a figure with "
+            f"a statistic: {choices}"
+        )
     return Threshold(name, sign, limit)
 
 
 def judge(thresholds: Sequence[Threshold], rows: Sequence[Row]) -> list[Verdict]:
-    """Every threshold in every cell. Raises InputError for a figure that no row has."""
+    """Check every threshold in every cell.
+
+    Args:
+        thresholds: The thresholds.
+        rows: Rows of one campaign.
+
+    Returns:
+        The verdicts, cell by cell.
+
+    Raises:
+        InputError: If a threshold is about a figure that no row has.
+    """
     for threshold in thresholds:
-        if not threshold.name.endswith(_SUFFIX):
+        if not threshold.name.endswith(_RATE):
             _check_figure(threshold, rows)
     return [
         Verdict(threshold, cell, _value(threshold.name, mine))
@@ -77,19 +124,45 @@ def judge(thresholds: Sequence[Threshold], rows: Sequence[Row]) -> list[Verdict]
     ]
 
 
+def to_table(verdict: Verdict) -> dict[str, Any]:
+    """Convert a verdict for JSON.
+
+    Args:
+        verdict: A verdict.
+
+    Returns:
+        Its values by name.
+    """
+    return {
+        "cell": list(verdict.cell),
+        "threshold": str(verdict.threshold),
+        "value": verdict.value,
+        "holds": verdict.holds,
+    }
+
+
 def _value(name: str, rows: Sequence[Row]) -> float | None:
-    if name.endswith(_SUFFIX):
-        outcome = name.removesuffix(_SUFFIX)
-        wanted = Outcome.REACHED if outcome == "success" else outcome
+    if name.endswith(_RATE):
+        outcome = name.removesuffix(_RATE)
+        wanted = REACHED if outcome == _SUCCESS else outcome
         return sum(row["outcome"] == wanted for row in rows) / len(rows)
     figure, _, statistic = name.rpartition("_")
     values = [v for row in rows if row["success"] and (v := figure_of(row, figure)) is not None]
     return spread(values)[statistic] if values else None
 
 
+def _check_rate(text: str, outcome: str) -> None:
+    """A misspelt outcome never occurs, so its rate would keep every upper limit."""
+    choices = {_SUCCESS, *OUTCOMES}
+    if outcome not in choices:
+        hint = did_you_mean(f"{outcome}{_RATE}", [f"{one}{_RATE}" for one in choices])
+        raise InputError(f"--require {text}: unknown rate '{outcome}{_RATE}'{hint}")
+
+
 def _check_figure(threshold: Threshold, rows: Sequence[Row]) -> None:
     figure = threshold.name.rpartition("_")[0]
     known = {name for row in rows for name in row if figure_of(row, name) is not None}
-    if any(row["success"] for row in rows) and figure not in known | {"path_ratio"}:
+    known.add("path_ratio")
+    if any(row["success"] for row in rows) and figure not in known:
         hint = did_you_mean(figure, known)
-        raise InputError(f"--require {threshold}: no figure '{figure}'{hint}")
+        raise InputError(f"--require {threshold}: unknown figure '{figure}'{hint}")

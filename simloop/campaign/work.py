@@ -1,9 +1,8 @@
-"""One run of a campaign, as a pure function of its spec: what any worker does anywhere."""
+"""Does one run of a campaign: a pure function of the run's description, for any worker anywhere."""
 
 from __future__ import annotations
 
 import gc
-import signal
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -15,20 +14,40 @@ from simloop.loop import Simulation
 from simloop.scenario.build import World, build_world
 
 Row = dict[str, Any]
+"""The figures of one run, by column name."""
+
+REACHED = Outcome.REACHED
+"""The outcome of a successful run, as the simulation names it."""
+
+ERROR = "error"
+"""The campaign's own outcome: the run could not be simulated to its end."""
+
+OUTCOMES = (*Outcome, ERROR)
+"""All outcomes that a row can have."""
+
 TIMING = ("wall_time_s", "real_time_factor", "plan_ms_p50", "plan_ms_p99")
-"""What differs from one machine, or one day, to another; all else in a row does not."""
+"""The columns that depend on the machine's speed. All others are the same on every machine."""
 
 
 def do_run(spec: RunSpec) -> Row:
-    """The figures of one run as a flat row; what went wrong with it, as outcome ``error``."""
+    """Simulate one run.
+
+    Args:
+        spec: The run.
+
+    Returns:
+        The run's row: what ``row_of`` gives and every single-valued metric. A run that fails with
+        an exception gets the outcome ``error`` and the exception's text, so that the campaign's
+        other runs go on.
+    """
     try:
         scenario = spec.load()
         world = _shared_world(replace(spec, seed=0)) if not scenario.drawn else None
         metrics = Simulation(scenario, world=world).run().metrics
     except InputError as error:
-        return row_of(spec, "error", error=str(error))
-    except Exception as error:  # of one run among thousands: it is told, and the others go on
-        return row_of(spec, "error", error=f"{type(error).__name__}: {error}")
+        return row_of(spec, ERROR, error=str(error))
+    except Exception as error:
+        return row_of(spec, ERROR, error=f"{type(error).__name__}: {error}")
     finally:
         gc.collect()
     row = row_of(spec, metrics["outcome"])
@@ -39,7 +58,16 @@ def do_run(spec: RunSpec) -> Row:
 
 
 def row_of(spec: RunSpec, outcome: str, error: str = "") -> Row:
-    """What each row begins with."""
+    """Make the columns that every row begins with.
+
+    Args:
+        spec: The run.
+        outcome: How the run ended.
+        error: What went wrong, for a run with the outcome ``error``.
+
+    Returns:
+        A row with scenario, planner, sweep, seed, outcome, success and error.
+    """
     scenario, planner, sweep = spec.cell
     return {
         "scenario": scenario,
@@ -47,17 +75,12 @@ def row_of(spec: RunSpec, outcome: str, error: str = "") -> Row:
         "sweep": sweep,
         "seed": spec.seed,
         "outcome": outcome,
-        "success": outcome == Outcome.REACHED,
+        "success": outcome == REACHED,
         "error": error,
     }
 
 
 @lru_cache(maxsize=4)
 def _shared_world(spec: RunSpec) -> World:
-    """A world that is the same for all seeds is built once a worker."""
+    """Build a world that is the same for all seeds only once in each worker."""
     return build_world(spec.load())
-
-
-def leave_interrupts_to_the_parent() -> None:
-    """For a worker process: Ctrl-C reaches it too, but who ends it is the parent."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)

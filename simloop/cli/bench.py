@@ -1,11 +1,10 @@
-"""The commands that measure: ``simloop bench ...`` and ``simloop replay``.
+"""The commands ``simloop bench ...``, which measure.
 
-What is slow to import is imported by the command that needs it.
+Each command imports what it needs when it runs, so that ``simloop --help`` is quick.
 """
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -18,21 +17,65 @@ from simloop.cli.common import (
     Overrides,
     check_json,
     compiling_shown,
-    stop_asked,
     write_json,
 )
 
-bench_app = typer.Typer(help="Measure speed and planners.", no_args_is_help=True)
+Scenes = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME",
+        help="Scenes, or .map, .scen and image files; repeatable or with commas. Default: all.",
+    ),
+]
+Planners = Annotated[
+    list[str] | None,
+    typer.Option(metavar="NAME", help="Planners; repeatable or with commas. Default: all."),
+]
+Budget = Annotated[
+    int | None,
+    typer.Option(min=1, max=10**7, help="Evaluations of the objective that a plan may use."),
+]
+Plans = Annotated[
+    int | None,
+    typer.Option(min=1, max=10**5, help="The least number of plans of each planner on each scene."),
+]
+Workers = Annotated[
+    int, typer.Option(min=0, max=256, help="Number of processes; 0: as many as cores.")
+]
+Report = Annotated[
+    Path | None,
+    typer.Option(metavar="DIR", help="Write an HTML page with charts into this directory."),
+]
+
+bench_app = typer.Typer(
+    help="Measure speed, planners, reactions to faults, and the mapper.", no_args_is_help=True
+)
 
 
 @bench_app.command("loop")
 def bench_loop(
     json_file: JsonFile = None,
-    scenario: Annotated[str, typer.Option(help="A scenario's name or file.")] = "experiment",
-    repeats: Annotated[int, typer.Option(min=1, help="The best of this many is taken.")] = 3,
+    scenario: Annotated[
+        str, typer.Option(help="A scenario's name, or a TOML file.")
+    ] = "experiment",
+    repeats: Annotated[int, typer.Option(min=1, help="Measure this often and take the best.")] = 3,
     overrides: Overrides = None,
 ) -> int:
-    """Speed of the closed loop: to the clock, to the plant alone, and stage by stage."""
+    """Measure the speed of the closed loop.
+
+    The figures are the real-time factor, with and without a recording, the ratio to the physics
+    alone, and the time of each stage.
+    \f
+
+    Args:
+        json_file: Where the figures are written as JSON.
+        scenario: The scenario to run.
+        repeats: How often it is run.
+        overrides: ``key=value`` for keys of the scenario.
+
+    Returns:
+        The exit code.
+    """
     from simloop.scenario.load import load
 
     wanted = load(scenario, overrides or ())
@@ -49,22 +92,31 @@ def bench_loop(
 @bench_app.command("planners")
 def bench_planners(
     json_file: JsonFile = None,
-    scenes: Annotated[
-        list[str] | None, typer.Option(help="Names, or .map, .scen and image files; default: all.")
-    ] = None,
-    planners: Annotated[list[str] | None, typer.Option(help="Names; default: all.")] = None,
-    budget: Annotated[
-        int | None, typer.Option(min=1, max=10**7, help="Evaluations that each plan may spend.")
-    ] = None,
-    seeds: Annotated[
-        int | None, typer.Option(min=1, max=10**5, help="Plans a scene and planner, at least.")
-    ] = None,
-    workers: Annotated[int, typer.Option(min=0, max=256, help="Processes; 0: one a core.")] = 0,
-    report: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Write a page with pictures.")
-    ] = None,
+    scenes: Scenes = None,
+    planners: Planners = None,
+    budget: Budget = None,
+    seeds: Plans = None,
+    workers: Workers = 0,
+    report: Report = None,
 ) -> int:
-    """Planners on equal terms, beside the optimum: time, gap, safety, significance."""
+    """Compare planners on the same tasks.
+
+    The figures are the planning time, the gap to the optimum, the share of safe paths, and which
+    differences are significant. Ctrl-C keeps what is measured by then.
+    \f
+
+    Args:
+        json_file: Where the figures are written as JSON.
+        scenes: The scenes, by name, or map files.
+        planners: The planners' names.
+        budget: How many evaluations of the objective each plan may use.
+        seeds: The least number of plans of each planner on each scene.
+        workers: The number of processes. 0: the number of cores.
+        report: The directory of the HTML page.
+
+    Returns:
+        The exit code.
+    """
     check_json(json_file)
     from simloop.benchmarks.planners import bench
 
@@ -93,11 +145,27 @@ def bench_planners(
 @bench_app.command("weights")
 def bench_weights(
     json_file: JsonFile = None,
-    scene: Annotated[str, typer.Option(help="A scene of the planners' benchmark.")] = "S1",
-    planner: Annotated[str, typer.Option(help="A planner's name.")] = "tlbo",
-    count: Annotated[int, typer.Option(min=14, max=10_000, help="Pairs of weights.")] = 38,
+    scene: Annotated[str, typer.Option(help="A scene of bench planners.")] = "S1",
+    planner: Annotated[str, typer.Option(help="A planner.")] = "tlbo",
+    count: Annotated[
+        int, typer.Option(min=14, max=10_000, help="The number of weight pairs.")
+    ] = 38,
 ) -> int:
-    """The lead paper's weight study: Pareto front of length and turning, PLS with R2 and Q2."""
+    """Study the weights of path length and turning.
+
+    The study is that of the lead paper: the Pareto front of length and turning, and a regression
+    by partial least squares with its R2 and Q2.
+    \f
+
+    Args:
+        json_file: Where the figures are written as JSON.
+        scene: The scene.
+        planner: The planner.
+        count: How many pairs of weights are tried.
+
+    Returns:
+        The exit code.
+    """
     check_json(json_file)
     from simloop.benchmarks.planners import bench, tasks, weights
     from simloop.common.terminal import print_table
@@ -113,9 +181,20 @@ def bench_weights(
 @bench_app.command("faults")
 def bench_faults(
     json_file: JsonFile = None,
-    seeds: Annotated[int, typer.Option(min=1, help="Runs of each fault.")] = 20,
+    seeds: Annotated[int, typer.Option(min=1, help="The number of runs with each fault.")] = 20,
 ) -> int:
-    """Faults on purpose: exit code 0 if the robot handled every one, 1 if not."""
+    """Test how the robot reacts to faults.
+
+    Exit code 0: the robot handled every fault in every run. 1: it did not.
+    \f
+
+    Args:
+        json_file: Where the figures are written as JSON.
+        seeds: The number of runs with each fault.
+
+    Returns:
+        The exit code.
+    """
     check_json(json_file)
     from simloop.benchmarks import faults as bench_faults
     from simloop.common.terminal import checking
@@ -134,14 +213,31 @@ def bench_faults(
 def bench_slam(
     json_file: JsonFile = None,
     course: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="This course alone (repeatable).")
+        list[str] | None,
+        typer.Option(metavar="NAME", help="A course; repeatable. Default: all courses."),
     ] = None,
     seed: Annotated[
-        list[int] | None, typer.Option(min=0, help="The seed of course and sensors (repeatable).")
+        list[int] | None,
+        typer.Option(min=0, help="A seed of the course and the sensors; repeatable."),
     ] = None,
-    seeds: Annotated[int, typer.Option(min=1, help="So many seeds, from 0 on.")] = 1,
+    seeds: Annotated[
+        int, typer.Option(min=1, help="Without --seed: use the seeds 0 to this number - 1.")
+    ] = 1,
 ) -> int:
-    """The mapper on simulated courses: errors against the truth, map, speed."""
+    """Measure the mapper on simulated courses.
+
+    The figures are the errors of the trajectory and of the map against the truth, and the speed.
+    \f
+
+    Args:
+        json_file: Where the figures are written as JSON.
+        course: The courses' names.
+        seed: The seeds.
+        seeds: How many seeds are used if ``seed`` is not given.
+
+    Returns:
+        The exit code.
+    """
     from simloop.benchmarks import slam as bench_slam
     from simloop.common.terminal import checking
 
@@ -152,46 +248,3 @@ def bench_slam(
     bench_slam.print_figures(Console(), figures)
     write_json(json_file, figures)
     return 0
-
-
-def replay(
-    log: Annotated[Path, typer.Argument(help="A CARMEN .log or .clf, or an .npz of scans.")],
-    json_file: Annotated[
-        Path | None,
-        typer.Option("--json", metavar="FILE", help="Write the figures as JSON; -: to stdout."),
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Map, trajectory (TUM) and recording.")
-    ] = None,
-    relations: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Relative relations to measure the trajectory by."),
-    ] = None,
-    prior: Annotated[
-        Path | None,
-        typer.Option("--map", metavar="FILE.yaml", help="Find the robot in this map; make none."),
-    ] = None,
-) -> int:
-    """Matcher and mapper on a recorded log of a real robot."""
-    from simloop.common.terminal import counting
-    from simloop.graph_slam.settings import MappingConfig
-    from simloop.mapping.map_files import load_map
-    from simloop.replay import outputs, session
-
-    files = outputs.ReplayFiles(out, json_file)
-    files.check(log, relations, prior, prior and prior.with_suffix(".pgm"))
-    read, truth = session.load(log, relations)
-    config = MappingConfig()
-    known = load_map(prior, config.grid) if prior is not None else None
-    notes, bar = Console(stderr=True), counting(Console(stderr=True), "scans", len(read.t_s))
-    with stop_asked() as stop, compiling_shown(notes) as report, bar as show:
-        replayed = session.run(
-            read, truth, config, known, lambda done: show(done) or not stop(), report
-        )
-        outputs.write(replayed, files)
-    if json_file == outputs.STDOUT:
-        print(json.dumps(replayed.figures, indent=2))
-    else:
-        outputs.print_figures(Console(), replayed.figures)
-        write_json(json_file, replayed.figures)
-    return INTERRUPTED if replayed.figures["interrupted"] else 0

@@ -1,11 +1,12 @@
-"""``simloop campaign``: many runs, resumable, judged and reported."""
+"""``simloop campaign``: does many runs, judges them and writes a report. It can be resumed."""
 
 from __future__ import annotations
 
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,129 +17,204 @@ from simloop.cli.common import INTERRUPTED, JsonFile, Overrides, check_json, sto
 from simloop.common.errors import InputError
 
 if TYPE_CHECKING:
-    from simloop.campaign.compare import Change
-    from simloop.campaign.execute import Make
     from simloop.campaign.journal import Journal
-    from simloop.campaign.spec import RunSpec
+    from simloop.campaign.spec import Request, RunSpec
+    from simloop.campaign.summary import CellSummary
     from simloop.campaign.thresholds import Threshold, Verdict
     from simloop.campaign.work import Row
+    from simloop.common import pool
+
+Scenarios = Annotated[
+    list[str] | None,
+    typer.Argument(metavar="SCENARIO", help="Names of scenarios, or TOML files."),
+]
+Seeds = Annotated[
+    str, typer.Option(metavar="A:B", help="The seeds from A to B-1. A single number N means 0:N.")
+]
+Planners = Annotated[
+    list[str] | None,
+    typer.Option(metavar="NAME", help="A planner; repeatable. Default: the scenario's own."),
+]
+Sweeps = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="KEY=V1,V2,...",
+        help="Values of a scenario key, or KEY=FIRST:LAST:STEP; repeatable, all combinations run.",
+    ),
+]
+Workers = Annotated[
+    int | None, typer.Option(min=1, help="Number of processes. Default: the number of cores.")
+]
+Dask = Annotated[
+    str | None,
+    typer.Option(metavar="ADDRESS", help="Run on the Dask cluster with this scheduler instead."),
+]
+Out = Annotated[
+    Path | None, typer.Option(metavar="DIR", help="Directory for journal, results and report.")
+]
+Requirements = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME>=VALUE",
+        help="A threshold for every cell, e.g. success_rate>=0.98; repeatable.",
+    ),
+]
+JUnitFile = Annotated[
+    Path | None, typer.Option(metavar="FILE.xml", help="Write the verdict as JUnit XML.")
+]
+FailuresToRecord = Annotated[
+    int, typer.Option(min=0, metavar="N", help="Record the first N runs that failed.")
+]
+WriteReport = Annotated[bool, typer.Option(help="Write report.html into the directory.")]
+Compared = Annotated[
+    tuple[Path, Path] | None,
+    typer.Option(
+        metavar="A B", help="Run nothing; print what differs between the campaigns A and B."
+    ),
+]
 
 
 def campaign(
-    scenarios: Annotated[
-        list[str] | None, typer.Argument(metavar="SCENARIO...", help="Names, or TOML files.")
-    ] = None,
-    seeds: Annotated[str, typer.Option(metavar="A:B", help="From A to before B.")] = "0:20",
-    planner: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="A planner by name (repeatable).")
-    ] = None,
-    sweep: Annotated[
-        list[str] | None,
-        typer.Option(metavar="KEY=V1,V2,...", help="A key's values, or FIRST:LAST:STEP."),
-    ] = None,
+    scenarios: Scenarios = None,
+    seeds: Seeds = "0:20",
+    planner: Planners = None,
+    sweep: Sweeps = None,
     overrides: Overrides = None,
-    workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes; as many as cores unless given.")
-    ] = None,
-    dask: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="A Dask scheduler instead.")
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Journal, results and report.")
-    ] = None,
-    require: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME>=VALUE", help="A threshold, e.g. success_rate>=0.98."),
-    ] = None,
-    junit: Annotated[
-        Path | None, typer.Option(metavar="FILE.xml", help="The verdict as JUnit XML.")
-    ] = None,
-    record_failures: Annotated[
-        int, typer.Option(min=0, metavar="N", help="Recordings of the first N failures.")
-    ] = 10,
-    report: Annotated[bool, typer.Option(help="Write report.html.")] = True,
-    compare: Annotated[
-        tuple[Path, Path] | None,
-        typer.Option(metavar="A B", help="What got better or worse from campaign A to B."),
-    ] = None,
+    workers: Workers = None,
+    dask: Dask = None,
+    out: Out = None,
+    require: Requirements = None,
+    junit: JUnitFile = None,
+    record_failures: FailuresToRecord = 10,
+    report: WriteReport = True,
+    compare: Compared = None,
     json_file: JsonFile = None,
 ) -> int:
-    """Many runs: exit code 0 if all arrive, or all that is required holds; else 1.
+    """Do many runs and judge them.
 
-    A campaign that was killed goes on where it stopped when the same line is given again.
+    Runs each scenario with each planner, each combination of sweep values and each seed. If a
+    campaign is stopped or killed, give the same command again: it goes on where it stopped.
+
+    Exit code 0: all runs reach the goal or, with --require, all thresholds hold. 1: not so, or
+    --compare finds that something got worse. 2: wrong input. 130: stopped by Ctrl-C.
+    \f
+
+    Each argument is the option of the same name, as its help text above describes it.
+
+    Args:
+        scenarios, seeds, planner, sweep, overrides: What is run.
+        workers, dask: Where it is run.
+        out, require, junit, record_failures, report, json_file: What is judged and written.
+        compare: The directories or result files of two campaigns, to compare them instead.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        InputError: If an option is wrong or an output cannot be written.
     """
     check_json(json_file)
     if compare is not None:
         return _compare(*compare, json_file)
     if not scenarios or out is None:
-        raise InputError("a campaign needs at least one SCENARIO and --out DIR")
-    from simloop.campaign.journal import Journal
-    from simloop.campaign.report import check as check_report
+        raise InputError("campaign: give at least one SCENARIO and --out DIR, or --compare A B")
     from simloop.campaign.spec import Request, parse_seeds
+
+    places = tuple(_absolute(scenario) for scenario in scenarios)
+    rest = (tuple(values or ()) for values in (planner, overrides, sweep))
+    request = Request(places, parse_seeds(seeds), *rest)
+    outputs = _Outputs(out, junit, json_file, record_failures, report)
+    return _campaign(request, require or (), outputs, workers or os.cpu_count() or 1, dask)
+
+
+@dataclass(frozen=True, slots=True)
+class _Outputs:
+    """Where the results of a campaign go."""
+
+    folder: Path
+    junit: Path | None
+    json_file: Path | None
+    recorded_failures: int
+    report: bool
+
+    def check(self) -> None:
+        """Raise InputError for what cannot be written, before the first run."""
+        from simloop.campaign import report
+        from simloop.common.files import check_file
+
+        if self.report:
+            report.check()
+        if self.junit is not None:
+            check_file(self.junit, "--junit")
+
+
+def _campaign(
+    request: Request, required: Sequence[str], outputs: _Outputs, workers: int, dask: str | None
+) -> int:
+    from simloop.campaign.journal import Journal
     from simloop.campaign.thresholds import parse
-    from simloop.common.files import check_file
 
-    request = Request(
-        tuple(map(_named, scenarios)), parse_seeds(seeds), *map(_tuple, (planner, overrides, sweep))
-    )
-    thresholds = [parse(text) for text in require or ()]
+    thresholds = [parse(text) for text in required]
     request.check()
-    if report:
-        check_report()
-    if junit is not None:
-        check_file(junit, "--junit")
+    outputs.check()
     specs = request.runs()
-    with Journal(out, request) as journal:
-        stopped = _run(journal, specs, workers or os.cpu_count() or 1, dask)
-        runs = [(s, journal.rows[s.key]) for s in specs if s.key in journal.rows]
-        if runs:
-            good = _tell(out, runs, thresholds, junit, json_file)
+    with Journal(outputs.folder, request) as journal:
+        stopped = _run(journal, specs, workers, dask)
+        runs = [(spec, journal.rows[spec.key]) for spec in specs if spec.key in journal.rows]
+        verdicts = _write_results(outputs, runs, thresholds) if runs else []
     if stopped:
-        print(f"interrupted: {len(runs)} of {len(specs)} runs are kept; the same line goes on")
-        sys.exit(INTERRUPTED)
-    _look_closer(out, runs, thresholds, record_failures, report)
-    return 0 if good else 1
+        print(
+            f"interrupted: {len(runs)} of {len(specs)} runs are finished and kept; "
+            "give the same command again to go on"
+        )
+        sys.exit(INTERRUPTED)  # the line above says what the general message would not
+    _look_closer(outputs, runs, verdicts)
+    good = [v.holds for v in verdicts] if verdicts else [row["success"] for _, row in runs]
+    return 0 if all(good) else 1
 
 
-def _tuple(values: list[str] | None) -> tuple[str, ...]:
-    return tuple(values or ())
-
-
-def _named(scenario: str) -> str:
-    """A scenario's file by its full path, so that workers elsewhere find it; a name as it is."""
+def _absolute(scenario: str) -> str:
+    """Make the path of a scenario file absolute for workers elsewhere; a name stays as it is."""
     path = Path(scenario)
     return str(path.resolve()) if path.suffix else scenario
 
 
-def _run(journal: Journal, specs: Sequence[RunSpec], workers: int, address: str | None) -> bool:
-    """Do what is not done yet; whether it was stopped before the end."""
+def _run(journal: Journal, specs: Sequence[RunSpec], workers: int, dask: str | None) -> bool:
+    """Do the runs that the journal lacks; whether they were stopped before the end."""
     from simloop.campaign import execute
 
     missing = journal.missing(specs)
     if not missing:
         return False
     bar = _bar(len(specs), len(missing))
-    with _pool(workers, address) as (make, count), bar as show, stop_asked() as stop:
-        for spec, row in execute.run_all(missing, make, count, stop):
+    with (
+        _workers(workers, dask) as where,
+        bar as show,
+        stop_asked() as stop,
+        closing(execute.run_all(missing, where, stop)) as finished,
+    ):
+        for spec, row in finished:
             journal.add(spec, row)
             show(row)
     return bool(journal.missing(specs))
 
 
 @contextmanager
-def _pool(workers: int, address: str | None) -> Iterator[tuple[Make, int]]:
-    from simloop.campaign import execute
+def _workers(count: int, dask: str | None) -> Iterator[pool.Workers]:
+    """So many processes of this machine, or the workers of a Dask cluster."""
+    from simloop.campaign.execute import dask_cluster
+    from simloop.common.pool import local_workers
 
-    if address is not None:
-        with execute.dask(address) as cluster:
+    if dask is not None:
+        with dask_cluster(dask) as cluster:
             yield cluster
     else:
-        yield execute.local(workers), workers
+        yield local_workers(count)
 
 
 @contextmanager
 def _bar(total: int, missing: int) -> Iterator[Callable[[Row], None]]:
-    """Runs done, failures so far, and the time that is left."""
+    """Show how many runs are finished, how many of them failed, and the time left."""
     from rich.progress import (
         BarColumn,
         MofNCompleteColumn,
@@ -168,97 +244,85 @@ def _bar(total: int, missing: int) -> Iterator[Callable[[Row], None]]:
         yield show
 
 
-def _tell(
-    out: Path,
-    runs: Sequence[tuple[RunSpec, Row]],
-    thresholds: Sequence[Threshold],
-    junit: Path | None,
-    json_file: Path | None,
-) -> bool:
-    """Write results and verdict, print the table; whether all is as it must be."""
+def _write_results(
+    outputs: _Outputs, runs: Sequence[tuple[RunSpec, Row]], thresholds: Sequence[Threshold]
+) -> list[Verdict]:
+    """Write the results and the verdicts, and print them as a table; the verdicts."""
     from simloop.campaign import summary
     from simloop.campaign.journal import write_results
     from simloop.campaign.junit import write_junit
-    from simloop.campaign.thresholds import judge
+    from simloop.campaign.thresholds import judge, to_table
 
     rows = [row for _, row in runs]
-    file = write_results(out, rows)
+    file = write_results(outputs.folder, rows)
     verdicts = judge(thresholds, rows)
-    if junit is not None:
-        junit.parent.mkdir(parents=True, exist_ok=True)
-        write_junit(junit, runs, verdicts)
+    if outputs.junit is not None:
+        outputs.junit.parent.mkdir(parents=True, exist_ok=True)
+        write_junit(outputs.junit, runs, verdicts)
     summaries = summary.summarise(rows)
     _print(summaries, verdicts)
-    Console().print(f"  results  {file}", markup=False, highlight=False, soft_wrap=True)
+    _print_file("results", file)
     write_json(
-        json_file,
+        outputs.json_file,
         {
             "cells": [summary.to_table(one) for one in summaries],
-            "thresholds": [
-                {"cell": list(v.cell), "threshold": str(v.threshold), "value": v.value,
-                 "holds": v.holds} for v in verdicts
-            ],
+            "thresholds": [to_table(verdict) for verdict in verdicts],
         },
-    )  # fmt: skip
-    return all(v.holds for v in verdicts) if verdicts else all(row["success"] for row in rows)
+    )
+    return verdicts
 
 
-def _print(summaries: Sequence[object], verdicts: Sequence[Verdict]) -> None:
-    from simloop.campaign.summary import CellSummary
+def _print(summaries: Sequence[CellSummary], verdicts: Sequence[Verdict]) -> None:
+    from simloop.campaign.summary import name_of
     from simloop.common.terminal import print_table
 
     rows = []
     for one in summaries:
-        assert isinstance(one, CellSummary)
         time = one.figures.get("sim_time_s")
         rows.append(
             [
-                ", ".join(part for part in one.cell if part),
-                f"{one.outcomes.get('reached', 0)}/{one.runs}",
+                name_of(one.cell),
+                f"{one.reached}/{one.runs}",
                 f"{100 * one.low:.1f} to {100 * one.high:.1f} %",
                 ", ".join(f"{name} {count}" for name, count in one.outcomes.items()),
                 "-" if time is None else f"{time['mean']:.2f} / {time['max']:.2f} s",
             ]
         )
-    header = ["cell", "arrived", "95 % interval", "outcomes", "time, mean / worst"]
+    header = ["cell", "goal reached", "95 % interval", "outcomes", "time, mean / max"]
     print_table(Console(), "campaign", header, rows)
     for verdict in verdicts:
-        value = "nothing to measure" if verdict.value is None else f"{verdict.value:.5g}"
-        state = "holds" if verdict.holds else "MISSED"
-        where = ", ".join(part for part in verdict.cell if part)
-        print(f"  {state}  {verdict.threshold}: {value}  ({where})")
+        state = "holds" if verdict.holds else "FAILS"
+        print(f"  {state}  {verdict.threshold}: {verdict.measured}  ({name_of(verdict.cell)})")
 
 
 def _look_closer(
-    out: Path,
-    runs: Sequence[tuple[RunSpec, Row]],
-    thresholds: Sequence[Threshold],
-    most: int,
-    report: bool,
+    outputs: _Outputs, runs: Sequence[tuple[RunSpec, Row]], verdicts: Sequence[Verdict]
 ) -> None:
-    """Recordings of failures, and the page with pictures of the worst."""
-    from simloop.campaign import closer_look
-    from simloop.campaign import report as page
-    from simloop.campaign.thresholds import judge
+    """Record failed runs, and write the report with pictures of the worst runs."""
+    from simloop.campaign import closer_look, report
 
-    console = Console()
-    for file in closer_look.record(closer_look.failures(runs, most), out / "failures"):
-        console.print(f"  failure  {file}", markup=False, highlight=False, soft_wrap=True)
-    if report:
-        file = page.write(out, runs, judge(thresholds, [row for _, row in runs]))
-        console.print(f"  report   {file}", markup=False, highlight=False, soft_wrap=True)
+    failed = closer_look.failures(runs, outputs.recorded_failures)
+    for file in closer_look.record(failed, outputs.folder / "failures"):
+        _print_file("failure", file)
+    if outputs.report:
+        _print_file("report", report.write(outputs.folder, runs, verdicts))
+
+
+def _print_file(what: str, file: Path) -> None:
+    Console().print(f"  {what:8} {file}", markup=False, highlight=False, soft_wrap=True)
 
 
 def _compare(before: Path, after: Path, json_file: Path | None) -> int:
-    """Exit code 1 where something got significantly worse."""
+    """Print what differs; exit code 1 if something got significantly worse."""
     from simloop.campaign import compare
     from simloop.campaign.journal import read_results
+    from simloop.campaign.summary import name_of
     from simloop.common.terminal import print_table
 
-    changes: list[Change] = compare.compare(read_results(before), read_results(after))
+    changes = compare.compare(read_results(before), read_results(after))
     rows = [
         [
-            ", ".join(part for part in one.cell if part),
+            name_of(one.cell),
             one.figure,
             str(one.pairs),
             f"{one.before:.5g}",
@@ -269,6 +333,6 @@ def _compare(before: Path, after: Path, json_file: Path | None) -> int:
         for one in changes
     ]
     header = ["cell", "figure", "pairs", str(before), str(after), "p (Holm)", "verdict"]
-    print_table(Console(), "compared", header, rows)
+    print_table(Console(), "comparison", header, rows)
     write_json(json_file, {"changes": [compare.to_table(one) for one in changes]})
     return 1 if any(one.verdict == "worse" for one in changes) else 0

@@ -1,4 +1,4 @@
-"""What the commands share: options, Ctrl-C, and figures as JSON."""
+"""What the commands share: options, how Ctrl-C stops them, and figures as JSON."""
 
 from __future__ import annotations
 
@@ -13,22 +13,30 @@ import typer
 from rich.console import Console
 
 INTERRUPTED = 130
+"""The exit code of a command that was stopped by Ctrl-C or SIGTERM."""
 
 Overrides = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Any key of the scenario, e.g. goal=[3.0,2.5]"),
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change a key of the scenario, e.g. goal=[3.0,2.5]; repeatable.",
+    ),
 ]
 JsonFile = Annotated[
-    Path | None, typer.Option("--json", metavar="FILE", help="Write the figures as JSON.")
+    Path | None, typer.Option("--json", metavar="FILE", help="Write all figures as JSON.")
 ]
 
 
 @contextmanager
 def stop_asked() -> Iterator[Callable[[], bool]]:
-    """Tells whether Ctrl-C or a SIGTERM has come: asked for now and then, it cuts nothing off.
+    """Note Ctrl-C and SIGTERM instead of raising KeyboardInterrupt.
 
-    An exception raised wherever the run happens to be could end in the middle of a compiled
-    kernel or of what is being written.
+    The command asks now and then and stops where it can. An exception could come in the middle
+    of a compiled kernel or of a file that is being written.
+
+    Yields:
+        A function that tells whether a signal has come.
     """
     heard: list[int] = []
     signals = (signal.SIGINT, signal.SIGTERM)
@@ -42,6 +50,15 @@ def stop_asked() -> Iterator[Callable[[], bool]]:
 
 @contextmanager
 def compiling_shown(notes: Console) -> Iterator[Callable[[str, int], None]]:
+    """Show which kernels are being compiled.
+
+    Args:
+        notes: Where it is shown.
+
+    Yields:
+        A function to call with a kernel's name and number before it is compiled.
+    """
+    # Imported here because rich's progress bars would slow down ``simloop --help``.
     from simloop.common.terminal import compiling
 
     with compiling(notes) as report:
@@ -49,6 +66,14 @@ def compiling_shown(notes: Console) -> Iterator[Callable[[str, int], None]]:
 
 
 def check_json(path: Path | None) -> None:
+    """Check that the file of ``--json`` can be written.
+
+    Args:
+        path: The file. None: not asked for.
+
+    Raises:
+        InputError: If it cannot be written.
+    """
     from simloop.common.files import check_file
 
     if path is not None:
@@ -56,6 +81,15 @@ def check_json(path: Path | None) -> None:
 
 
 def write_json(path: Path | None, figures: dict[str, Any]) -> None:
+    """Write the file of ``--json``.
+
+    Args:
+        path: The file; its directory is made if needed. None: not asked for.
+        figures: What is written.
+
+    Raises:
+        InputError: If it cannot be written.
+    """
     from simloop.common.files import write_text
 
     if path is not None:

@@ -1,6 +1,7 @@
-"""The command line. Exit codes: 0 goal reached, 1 the robot failed, 2 the input is wrong.
+"""The command line ``simloop`` and its commands run, list and certify.
 
-What is slow to import is imported by the command that needs it, so that help and lists are quick.
+Exit codes: 0 goal reached (or all is well), 1 the robot failed, 2 wrong input, 130 stopped by
+Ctrl-C. Each command imports what it needs when it runs, so that ``simloop --help`` is quick.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import typer
 from rich.console import Console
 
 from simloop import __version__
-from simloop.cli.bench import bench_app, replay
+from simloop.cli.bench import bench_app
 from simloop.cli.campaign import campaign
 from simloop.cli.common import (
     INTERRUPTED,
@@ -27,6 +28,7 @@ from simloop.cli.common import (
     stop_asked,
     write_json,
 )
+from simloop.cli.replay import replay
 from simloop.common.errors import InputError
 
 if TYPE_CHECKING:
@@ -35,9 +37,28 @@ if TYPE_CHECKING:
     from simloop.scenario.build import World
     from simloop.scenario.scenario import Scenario
 
+RunScenario = Annotated[str, typer.Argument(help="A scenario's name, or a TOML file.")]
+RunSeed = Annotated[
+    int | None, typer.Option(help="Seed of all random numbers. Default: the scenario's.")
+]
+RunPlanner = Annotated[
+    str | None, typer.Option(metavar="NAME", help="A planner. Default: the scenario's.")
+]
+Recording = Annotated[
+    Path | None, typer.Option(metavar="FILE.rrd", help="Record the run for the viewer rerun.")
+]
+Snapshots = Annotated[
+    Path | None, typer.Option(metavar="DIR", help="Draw pictures of the run and a contact sheet.")
+]
+Everything = Annotated[
+    Path | None,
+    typer.Option(metavar="DIR", help="Record, draw and write all figures into one directory."),
+]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
+
 app = typer.Typer(
     name="simloop",
-    help="A tracked robot that finds its own way across an unknown room, closed-loop in MuJoCo.",
+    help="Simulates a tracked robot that drives to a goal across an unknown room, in MuJoCo.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -47,18 +68,20 @@ app.add_typer(bench_app, name="bench")
 app.command("replay")(replay)
 app.command("campaign")(campaign)
 
-INPUT_WRONG = 2
-_CUT_OFF = 130
-"""What the command line's library returns where Ctrl-C cut a command off, without a word."""
+_INPUT_WRONG = 2
 
 
 def main() -> None:
-    """Entry point of the console script: one clear line for whatever the user got wrong."""
+    """Run the command line. Wrong input ends it with one line on stderr and exit code 2."""
     _run(app)
 
 
 def run_command(command: Callable[..., int]) -> None:
-    """A script's one command, with the same ends: benchmarks have it from here."""
+    """Run a function as the only command of a script, with the same exit codes and error lines.
+
+    Args:
+        command: A function with typer's annotations, which returns an exit code.
+    """
     alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
     alone.command()(command)
     _run(alone)
@@ -68,33 +91,33 @@ def _run(commands: typer.Typer) -> None:
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         code = commands(standalone_mode=False) or 0
-        if code == _CUT_OFF:
+        if code == INTERRUPTED:  # typer caught Ctrl-C, or a command says that it was stopped
             raise KeyboardInterrupt
         sys.exit(code)
     except (KeyboardInterrupt, typer.Abort):
         _fail("interrupted", INTERRUPTED)
     except InputError as error:
-        _fail(f"error: {error}", INPUT_WRONG)
+        _fail(f"error: {error}", _INPUT_WRONG)
     except BrokenPipeError:
-        # Whoever read our output is gone; Python must not complain about it at exit.
+        # The reader of our output is gone, e.g. `head`; Python must not complain at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
-        _fail(f"error: {where}{error.strerror or error}", INPUT_WRONG)
+        _fail(f"error: {where}{error.strerror or error}", _INPUT_WRONG)
     except Exception as error:
-        # The option parser's own errors have no public base class in every version of it.
+        # The errors of the option parser have no public base class in all versions of typer.
         describe = getattr(error, "format_message", None)
         if describe is None:
             raise
         text = describe()
         is_help = text.startswith("Usage:")
-        _fail(text if is_help else f"error: {' '.join(text.split())}", INPUT_WRONG)
+        _fail(text if is_help else f"error: {' '.join(text.split())}", _INPUT_WRONG)
 
 
 @app.callback(invoke_without_command=True)
 def _about(
-    version: Annotated[bool, typer.Option("--version", help="Show the version.")] = False,
+    version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
 ) -> None:
     if version:
         print(f"simloop {__version__}")
@@ -103,7 +126,12 @@ def _about(
 
 @app.command("list")
 def list_choices() -> int:
-    """Show the scenarios, planners and arenas that can be named."""
+    """List the scenarios, planners and arenas.
+    \f
+
+    Returns:
+        The exit code.
+    """
     from simloop.common.terminal import print_table
     from simloop.planners import registry
     from simloop.scenario import catalog
@@ -120,23 +148,35 @@ def list_choices() -> int:
 
 @app.command("run")
 def run_scenario(
-    scenario: Annotated[str, typer.Argument(help="A scenario's name, or a TOML file.")],
-    seed: Annotated[int | None, typer.Option(help="Another seed, another run.")] = None,
-    planner: Annotated[str | None, typer.Option(help="Another planner, by name.")] = None,
-    record: Annotated[
-        Path | None, typer.Option(metavar="FILE.rrd", help="Record everything, for rerun.")
-    ] = None,
-    snapshots: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Pictures and a contact sheet.")
-    ] = None,
+    scenario: RunScenario,
+    seed: RunSeed = None,
+    planner: RunPlanner = None,
+    record: Recording = None,
+    snapshots: Snapshots = None,
     json_file: JsonFile = None,
-    out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="All of the above into one directory.")
-    ] = None,
+    out: Everything = None,
     overrides: Overrides = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
+    quiet: Quiet = False,
 ) -> int:
-    """Run a scenario: exit code 0 if the goal is reached, 1 if the robot fails."""
+    """Run a scenario.
+
+    Exit code 0: the robot reached the goal. 1: it failed. 2: wrong input. 130: stopped by Ctrl-C.
+    \f
+
+    Args:
+        scenario: A scenario's name, or a TOML file.
+        seed: The seed of all random numbers. None: the scenario's own.
+        planner: A planner's name. None: the scenario's own.
+        record: The file of the recording.
+        snapshots: The directory of the pictures.
+        json_file: Where the figures are written as JSON. The config goes beside it.
+        out: The directory for all outputs.
+        overrides: ``key=value`` for keys of the scenario.
+        quiet: Whether nothing but errors is printed.
+
+    Returns:
+        The exit code.
+    """
     from simloop.cli.outputs import choose
     from simloop.evaluation.referee import Outcome
     from simloop.scenario.load import load, resolve
@@ -172,10 +212,22 @@ def run_scenario(
 def certify(
     json_file: JsonFile = None,
     only: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="This family of checks alone.")
+        list[str] | None,
+        typer.Option(metavar="NAME", help="A family of checks; repeatable. Default: all."),
     ] = None,
 ) -> int:
-    """Track physics against closed forms: exit code 0 if every check holds, 1 if not."""
+    """Check the physics of the tracks against known solutions.
+
+    Exit code 0: every check holds. 1: one does not.
+    \f
+
+    Args:
+        json_file: Where the figures are written as JSON.
+        only: Families of checks.
+
+    Returns:
+        The exit code.
+    """
     from simloop import certify as certificate
     from simloop.cli.tables import print_certificate
     from simloop.common.errors import did_you_mean
@@ -184,7 +236,8 @@ def certify(
 
     for name in only or ():
         if name not in certificate.families():
-            raise InputError(f"--only {name}: unknown{did_you_mean(name, certificate.families())}")
+            hint = did_you_mean(name, certificate.families())
+            raise InputError(f"--only {name}: unknown family of checks{hint}")
     check_json(json_file)
     checks = []
     with checking(Console(stderr=True)) as report:
@@ -220,7 +273,7 @@ def _build(scenario: Scenario) -> World:
         if not name:
             raise
         raise InputError(
-            f"MUJOCO_GL={name}: cannot be loaded ({error}); choose egl, osmesa or disable"
+            f"MUJOCO_GL={name}: cannot be loaded ({error}); choices: egl, osmesa, disable"
         ) from None
     return build_world(scenario)
 
@@ -231,10 +284,10 @@ def _print_result(console: Console, metrics: dict[str, Any], outputs: Outputs) -
 
     print_result(console, metrics)
     places = (
-        ("recording", outputs.recording, "open it with: rerun "),
+        ("recording", outputs.recording, "to open it: rerun "),
         ("pictures", outputs.snapshots, ""),
         ("figures", outputs.result, ""),
-        ("config", outputs.config, "the same run again: simloop run "),
+        ("config", outputs.config, "to repeat the run: simloop run "),
     )
     for name, path, hint in places:
         if path is not None and path.exists():

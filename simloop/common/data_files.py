@@ -1,4 +1,4 @@
-"""Where the data files lie: beside the package in a checkout, inside it in an installed wheel."""
+"""Finds the data files: beside the package in a checkout, inside it in an installed wheel."""
 
 from __future__ import annotations
 
@@ -8,12 +8,26 @@ _PACKAGE = Path(__file__).resolve().parent.parent
 
 
 def models_dir() -> Path:
-    """Directory of ``tracked_ugv.xml`` and ``arenas/``. Raises FileNotFoundError if absent."""
+    """Find the directory of ``tracked_ugv.xml`` and ``arenas/``.
+
+    Returns:
+        The directory.
+
+    Raises:
+        FileNotFoundError: If there is none.
+    """
     return _data_dir("models", "tracked_ugv.xml")
 
 
 def scenarios_dir() -> Path:
-    """Directory of the scenario files. Raises FileNotFoundError if absent."""
+    """Find the directory of the scenario files.
+
+    Returns:
+        The directory.
+
+    Raises:
+        FileNotFoundError: If there is none.
+    """
     return _data_dir("scenarios", ".")
 
 
@@ -22,4 +36,6 @@ def _data_dir(name: str, witness: str) -> Path:
     for place in places:
         if (place / witness).exists():
             return place
-    raise FileNotFoundError(f"simloop's {name} are missing: looked in {places[0]} and {places[1]}")
+    raise FileNotFoundError(
+        f"simloop's {name} directory is missing: it is neither {places[0]} nor {places[1]}"
+    )

@@ -1,4 +1,4 @@
-"""The one error that means: the user's input is wrong, and here is what to write instead."""
+"""The error for wrong input, and how its message suggests what to write instead."""
 
 from __future__ import annotations
 
@@ -7,14 +7,30 @@ from collections.abc import Iterable
 
 
 class InputError(ValueError):
-    """Wrong input, in one line that names where, what and the choices. Exit code 2."""
+    """The user's input is wrong. The command line prints the message and ends with exit code 2.
+
+    The message is one line: where the input is wrong, what is wrong, and what is allowed.
+    """
 
     def __init__(self, message: str) -> None:
+        """Make the error.
+
+        Args:
+            message: The message. Line breaks in it become spaces.
+        """
         super().__init__(" ".join(message.split()))
 
 
 def did_you_mean(given: str, choices: Iterable[str]) -> str:
-    """`` (did you mean 'x'?); choices: a, b, c``: the end of an unknown name's message."""
+    """Make the end of a message about an unknown name.
+
+    Args:
+        given: What the user wrote.
+        choices: The names that are allowed.
+
+    Returns:
+        `` (did you mean 'x'?); choices: a, b, x``. The question is left out if no name is close.
+    """
     names = sorted(choices)
     close = difflib.get_close_matches(given, names, n=1, cutoff=0.6)
     hint = f" (did you mean '{close[0]}'?)" if close else ""

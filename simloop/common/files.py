@@ -1,4 +1,4 @@
-"""The files of a run: checked before anything is done, written so that none is ever half there."""
+"""Checks that output files can be written, and writes each file as a whole or not at all."""
 
 from __future__ import annotations
 
@@ -10,9 +10,17 @@ from simloop.common.errors import InputError
 
 
 def check_file(path: Path, flag: str) -> None:
-    """Raise InputError if a file could not be written there."""
+    """Check that a file can be written. Nothing is left behind.
+
+    Args:
+        path: The file. Its directory need not exist yet.
+        flag: The option that names the file, for the error message.
+
+    Raises:
+        InputError: If the file cannot be written.
+    """
     if path.is_dir():
-        raise InputError(f"{flag} {path}: is a directory, not a file")
+        raise InputError(f"{flag} {path}: this is a directory; give a file")
     if path.exists():
         if not os.access(path, os.W_OK):
             raise InputError(f"{flag} {path}: not writable")
@@ -21,7 +29,15 @@ def check_file(path: Path, flag: str) -> None:
 
 
 def check_directory(path: Path, flag: str) -> None:
-    """Raise InputError if files could not be made there, or in the nearest parent that exists."""
+    """Check that files can be made in a directory, or in its nearest parent that exists.
+
+    Args:
+        path: The directory.
+        flag: The option that names the directory, for the error message.
+
+    Raises:
+        InputError: If no file can be made there.
+    """
     _check_place(path, f"{flag} {path}")
 
 
@@ -32,7 +48,7 @@ def _check_place(directory: Path, what: str) -> None:
     if not place.is_dir():
         raise InputError(f"{what}: {place} is not a directory")
     try:
-        # Asking for permission is not enough: file systems may be read-only, full or unreal.
+        # Permissions do not tell it all: the file system may be read-only, full or virtual.
         with tempfile.TemporaryFile(dir=place):
             pass
     except OSError as error:
@@ -40,15 +56,29 @@ def _check_place(directory: Path, what: str) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a whole file or none: beside it first, then moved into place.
+    """Write a text file as a whole or not at all.
 
-    Raises InputError, which names the file, where that fails (a full disk, say).
+    Args:
+        path: The file. It is replaced if it exists.
+        text: Its new content, written as UTF-8.
+
+    Raises:
+        InputError: If the file cannot be written, e.g. because the disk is full.
     """
     write_bytes(path, text.encode("utf-8"))
 
 
 def write_bytes(path: Path, data: bytes) -> None:
-    """``write_text`` of bytes."""
+    """Write a binary file as a whole or not at all.
+
+    Args:
+        path: The file. It is replaced if it exists.
+        data: Its new content.
+
+    Raises:
+        InputError: If the file cannot be written, e.g. because the disk is full.
+    """
+    # Written beside its place and moved there at the end: a reader never sees half a file.
     partial = path.with_name(f".{path.name}.partial")
     try:
         if path.exists() and not path.is_file():

@@ -1,4 +1,4 @@
-"""Grey images as maps of the ground."""
+"""Reads grey images that describe the ground: heights or friction."""
 
 from __future__ import annotations
 
@@ -14,9 +14,17 @@ _MOST_PIXELS = 16_000_000
 
 
 def read_grey(file: str) -> FloatArray:
-    """(rows, columns) from 0, black, to 1, white; row 0 is the smallest y, the image's lower edge.
+    """Read a grey image.
 
-    Raises InputError for what cannot be read.
+    Args:
+        file: A PNG file with 8 or 16 bits for each pixel.
+
+    Returns:
+        (rows, columns) brightness from 0 (black) to 1 (white). Row 0 is the lower edge of the
+        image, so that y grows with the row.
+
+    Raises:
+        InputError: If the file cannot be read, is not such an image, or is too large.
     """
     try:
         data = Path(file).read_bytes()
@@ -30,6 +38,6 @@ def read_grey(file: str) -> FloatArray:
     if image is None or image.dtype not in (np.uint8, np.uint16):
         raise InputError(f"image {file}: not a PNG image of 8 or 16 bits")
     if image.size > _MOST_PIXELS:
-        raise InputError(f"image {file}: more than {_MOST_PIXELS} pixels")
+        raise InputError(f"image {file}: {image.size:,} pixels; at most {_MOST_PIXELS:,}")
     white = 255.0 if image.dtype == np.uint8 else 65535.0
     return np.ascontiguousarray(image[::-1].astype(np.float64) / white)

@@ -1,4 +1,4 @@
-"""Pictures as text that goes straight into an HTML page."""
+"""Puts pictures into an HTML page itself, so that the page needs no other file."""
 
 from __future__ import annotations
 
@@ -8,13 +8,30 @@ from typing import Any
 
 
 def embedded(data: bytes, kind: str = "png", alt: str = "") -> str:
-    """An image's bytes as an ``img`` element."""
+    """Make an HTML ``img`` element from an image file's bytes.
+
+    Args:
+        data: The bytes.
+        kind: The image format: ``png`` or ``jpeg``.
+        alt: The text that stands for the image where it cannot be shown.
+
+    Returns:
+        The element.
+    """
     text = base64.b64encode(data).decode()
     return f'<img alt="{alt}" src="data:image/{kind};base64,{text}">'
 
 
 def drawn(figure: Any, alt: str = "") -> str:
-    """A matplotlib figure as an ``img`` element."""
+    """Draw a matplotlib figure as an HTML ``img`` element.
+
+    Args:
+        figure: The figure.
+        alt: The text that stands for the image where it cannot be shown.
+
+    Returns:
+        The element, with a PNG image inside.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     out = io.BytesIO()

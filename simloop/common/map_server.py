@@ -1,4 +1,7 @@
-"""Reads maps in the format of ROS map_server: a YAML file and an image."""
+"""Reads maps in the format of ROS map_server: a YAML file and a PGM image.
+
+The format is described at http://wiki.ros.org/map_server.
+"""
 
 from __future__ import annotations
 
@@ -13,30 +16,44 @@ from simloop.common.errors import InputError
 from simloop.messages import FloatArray
 
 OCCUPIED_ABOVE, FREE_BELOW = 0.65, 0.196
-_SURE = 2.0  # log-odds of a cell that a file says is occupied; the opposite: free
+"""map_server's defaults: the occupancy above which a cell is occupied, and below which free."""
+
+_SURE = 2.0  # log-odds of a cell that the file calls occupied; -_SURE: free
 _MOST_CELLS = 400_000_000
 _NEEDS = ("image", "resolution", "origin")
 _MODES = ("trinary", "scale", "raw")
 
 
 def read_cells(yaml_file: Path) -> tuple[float, FloatArray, NDArray[np.float32]]:
-    """Resolution, m, origin (2,) and log-odds (rows, cols) of a map's own cells, [iy, ix].
+    """Read a map.
 
-    Raises InputError for what is no map.
+    Args:
+        yaml_file: The map's YAML file. It names the image, which must be a PGM file.
+
+    Returns:
+        The size of a cell, m; the map frame's (2,) position of the corner with the smallest x and
+        y, m; and the (rows, columns) log-odds of the cells, indexed [iy, ix]: above 0 occupied,
+        below 0 free, 0 unknown.
+
+    Raises:
+        InputError: If a file cannot be read or is not a map.
     """
     facts = _read_yaml(yaml_file)
     for key in _NEEDS:
         if key not in facts:
-            raise InputError(f"{yaml_file}: has no {key}; needs {', '.join(_NEEDS)}")
+            raise InputError(f"{yaml_file}: {key} is missing; needed are {', '.join(_NEEDS)}")
     resolution = _number(yaml_file, facts, "resolution")
     origin = _numbers(yaml_file, facts["origin"])
     if not 0.005 <= resolution <= 1.0:
-        raise InputError(f"{yaml_file}: resolution {resolution:g} is not in 0.005 to 1 m")
+        raise InputError(f"{yaml_file}: resolution {resolution:g} m is not between 0.005 and 1 m")
     if len(origin) == 3 and origin[2] != 0.0:
-        raise InputError(f"{yaml_file}: a map turned by {origin[2]:g} rad; turn the picture")
+        raise InputError(
+            f"{yaml_file}: origin has a yaw of {origin[2]:g} rad; only 0 is supported, so turn "
+            "the image instead"
+        )
     mode = facts.get("mode", "trinary")
     if mode not in _MODES:
-        raise InputError(f"{yaml_file}: mode {mode}; choices: {', '.join(_MODES)}")
+        raise InputError(f"{yaml_file}: unknown mode '{mode}'; choices: {', '.join(_MODES)}")
     above = _number(yaml_file, facts, "occupied_thresh", OCCUPIED_ABOVE)
     below = _number(yaml_file, facts, "free_thresh", FREE_BELOW)
     grey = read_pgm(yaml_file.parent / facts["image"].strip("'\""))
@@ -48,15 +65,16 @@ def read_cells(yaml_file: Path) -> tuple[float, FloatArray, NDArray[np.float32]]
 def _log_odds(
     grey: NDArray[np.uint8], mode: str, negate: bool, above: float, below: float
 ) -> NDArray[np.float32]:
-    """(rows, cols) log-odds of a picture's cells, as map_server understands it."""
+    """(rows, columns) log-odds of an image's cells by map_server's rules for its modes."""
     if mode == "raw":
+        # In mode raw a pixel is an occupancy of 0 to 100 %; greater values mean unknown.
         occupied, free = (grey >= 100 * above) & (grey <= 100), grey <= 100 * below
     else:
         chance = grey / 255.0 if negate else (255.0 - grey) / 255.0
         occupied, free = chance > above, chance < below
     odds = np.zeros(grey.shape, np.float32)
     odds[free], odds[occupied] = -_SURE, _SURE
-    if mode == "scale":
+    if mode == "scale":  # between the thresholds the occupancy grows linearly
         between = ~(free | occupied)
         share = np.clip((chance[between] - below) / max(1e-9, above - below), 0.02, 0.98)
         odds[between] = np.log(share / (1.0 - share))
@@ -64,7 +82,17 @@ def _log_odds(
 
 
 def read_pgm(path: Path) -> NDArray[np.uint8]:
-    """(rows, cols) of a PGM, binary (P5) or plain (P2), scaled to 255."""
+    """Read a PGM image.
+
+    Args:
+        path: The file: binary (P5) or plain (P2), with 8 bits for each pixel.
+
+    Returns:
+        (rows, columns) brightness, scaled to 0 to 255. Row 0 is the upper edge.
+
+    Raises:
+        InputError: If the file cannot be read or is not such an image.
+    """
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -72,10 +100,13 @@ def read_pgm(path: Path) -> NDArray[np.uint8]:
     head = re.match(rb"P([25])((?:\s+|#[^\n]*\n)+(\d+))((?:\s+|#[^\n]*\n)+(\d+))"
                     rb"((?:\s+|#[^\n]*\n)+(\d+))\s", data)  # fmt: skip
     if head is None:
-        raise InputError(f"{path}: not a PGM picture (P5 or P2)")
+        raise InputError(f"{path}: not a PGM image (P5 or P2)")
     columns, rows, most = int(head[3]), int(head[5]), int(head[7])
     if not (0 < most < 256 and 0 < columns * rows <= _MOST_CELLS):
-        raise InputError(f"{path}: {columns} x {rows} cells of up to {most}: not a map's picture")
+        raise InputError(
+            f"{path}: {columns} x {rows} pixels of 0 to {most}; a map has 1 to {_MOST_CELLS:,} "
+            "pixels of 8 bits"
+        )
     body = data[head.end() :]
     try:
         if head[1] == b"5":
@@ -85,13 +116,15 @@ def read_pgm(path: Path) -> NDArray[np.uint8]:
     except (ValueError, OverflowError):
         flat = np.empty(0)
     if flat.size != columns * rows or flat.max() > most or flat.min() < 0:
-        raise InputError(f"{path}: cut off, or not {columns} x {rows} numbers up to {most}")
+        raise InputError(
+            f"{path}: cut off, or values that are not {columns} x {rows} numbers of 0 to {most}"
+        )
     values = np.round(flat * (255.0 / most)).astype(np.uint8)
     return values.reshape(rows, columns)
 
 
 def _read_yaml(path: Path) -> dict[str, str]:
-    """The flat ``key: value`` lines of map_server's files; a list may stand in lines of its own."""
+    """The ``key: value`` lines of a flat YAML file. The items of a list may be lines ``- item``."""
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
@@ -108,7 +141,7 @@ def _read_yaml(path: Path) -> dict[str, str]:
             continue
         key, colon, value = text.partition(":")
         if not colon:
-            raise InputError(f"{path}, line {number}: not 'key: value'")
+            raise InputError(f"{path}, line {number}: expected 'key: value'")
         key = key.strip()
         facts[key] = value.strip()
     return facts
@@ -130,5 +163,5 @@ def _numbers(path: Path, text: str) -> FloatArray:
     except ValueError:
         values = np.empty(0)
     if len(values) not in (2, 3) or not np.isfinite(values).all():
-        raise InputError(f"{path}: origin: '{text}' is not [x, y, yaw]")
+        raise InputError(f"{path}: origin: '{text}' is not [x, y, yaw] in m and rad")
     return values

@@ -1,4 +1,4 @@
-"""The kinds of figures that settings are made of, and what their checks have in common."""
+"""The kinds of numbers that settings are made of, and the checks that settings share."""
 
 from __future__ import annotations
 
@@ -7,39 +7,80 @@ from typing import Annotated
 from pydantic import ConfigDict, Field
 from pydantic_core import PydanticCustomError
 
+# The limits are wider than any sensible setting, and so narrow that nothing overflows and no
+# simulation takes for ever.
 Coordinate = Annotated[float, Field(ge=-1e4, le=1e4)]
-Point = tuple[Coordinate, Coordinate]
+"""A coordinate, m."""
 
+Point = tuple[Coordinate, Coordinate]
+"""A point x, y in the map frame, m."""
 
 STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
+"""For pydantic models: unknown keys, infinity and NaN are errors."""
 
-# Wide enough for whatever may be meant, and narrow enough that nothing overflows or never ends.
 Positive = Annotated[float, Field(gt=0.0, le=1e6)]
 NonNegative = Annotated[float, Field(ge=0.0, le=1e6)]
 Length = Annotated[float, Field(gt=0.0, le=10.0)]
+"""A length of the robot or of something near it, m."""
+
 Period = Annotated[float, Field(gt=0.0, le=3600.0)]
+"""The time between two events, s."""
+
 Angle = Annotated[float, Field(ge=0.01, le=3.0)]
+"""An opening angle, rad."""
+
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
 def to_ns(seconds: float) -> int:
-    """A time in whole nanoseconds, the unit in which simulated time is kept."""
+    """Convert a time to whole nanoseconds, the unit of simulated time.
+
+    Args:
+        seconds: A time, s.
+
+    Returns:
+        The nearest whole number of nanoseconds.
+    """
     return round(seconds * 1e9)
 
 
 def reject(message: str) -> PydanticCustomError:
-    """An error about keys that do not go together; its text names the keys itself."""
+    """Make the error for keys that do not fit together.
+
+    Args:
+        message: The text, which names the keys.
+
+    Returns:
+        The error, for a pydantic validator to raise.
+    """
     # The text is data, not a template: braces in it must stay as they are.
     return PydanticCustomError("keys_clash", "{text}", {"text": message})
 
 
 def has_area(min_m: tuple[float, float], max_m: tuple[float, float]) -> bool:
-    """Whether the first corner lies below the second in x and in y."""
+    """Tell whether two corners span a rectangle.
+
+    Args:
+        min_m: The corner with the smaller x and y, m.
+        max_m: The opposite corner, m.
+
+    Returns:
+        True if the first is smaller in x and in y.
+    """
     return min_m[0] < max_m[0] and min_m[1] < max_m[1]
 
 
 def check_range(section: str, least_m: float, most_m: float) -> None:
-    """Raise what ``reject`` makes unless a sensor's least range is below its greatest."""
+    """Check that a sensor's smallest range is below its greatest range.
+
+    Args:
+        section: The section of the settings that has the keys ``range_min_m`` and ``range_max_m``.
+        least_m: The smallest range, m.
+        most_m: The greatest range, m.
+
+    Raises:
+        PydanticCustomError: If it is not.
+    """
     if least_m >= most_m:
         raise reject(
             f"{section}.range_min_m = {least_m:g} m is not below "
@@ -48,6 +89,16 @@ def check_range(section: str, least_m: float, most_m: float) -> None:
 
 
 def check_multiple(slow: str, long_s: float, fast: str, short_s: float) -> None:
-    """Raise what ``reject`` makes unless one period is a whole multiple of the other, in ns."""
+    """Check that a period is a whole multiple of another. Both are rounded to nanoseconds.
+
+    Args:
+        slow: The key of the longer period.
+        long_s: The longer period, s.
+        fast: The key of the shorter period.
+        short_s: The shorter period, s.
+
+    Raises:
+        PydanticCustomError: If it is not.
+    """
     if to_ns(short_s) < 1 or to_ns(long_s) % to_ns(short_s) or to_ns(long_s) < 1:
         raise reject(f"{slow} = {long_s:g} s is not a whole multiple of {fast} = {short_s:g} s")

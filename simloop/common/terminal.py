@@ -1,28 +1,31 @@
-"""What a person reads in the terminal: progress while it runs, a table once it is over."""
+"""Shows progress and tables in the terminal."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn
 
-if TYPE_CHECKING:
-    pass
-
 
 @contextmanager
 def compiling(console: Console) -> Iterator[Callable[[str, int], None]]:
-    """A spinner with a count, which appears only once a kernel is really compiled."""
+    """Show which kernel is being compiled. Nothing is shown if none is.
+
+    Args:
+        console: Where it is shown.
+
+    Yields:
+        A function to call with a kernel's name and number before it is compiled.
+    """
     status = console.status("")
     began = False
 
     def report(name: str, count: int) -> None:
         nonlocal began
-        text = f"compiling kernel {count}: {name} (first run only; kept for the next)"
+        text = f"compiling kernel {count}: {name} (only once; later runs use the cache)"
         if console.is_terminal:
             status.update(text)
         if not began:
@@ -30,7 +33,7 @@ def compiling(console: Console) -> Iterator[Callable[[str, int], None]]:
             if console.is_terminal:
                 status.start()
             else:
-                console.print("compiling the kernels (first run only; kept for the next)")
+                console.print("compiling the kernels (only once; later runs use the cache)")
 
     try:
         yield report
@@ -43,7 +46,16 @@ def compiling(console: Console) -> Iterator[Callable[[str, int], None]]:
 def progress_bar(
     console: Console, distance_m: float, time_limit_s: float
 ) -> Iterator[Callable[[float, float], None]]:
-    """A bar over the way to the goal, with simulated time and distance to go; on terminals only."""
+    """Show how far the robot has come, with the simulated time. Terminals only.
+
+    Args:
+        console: Where it is shown. Nothing is shown if it is not a terminal.
+        distance_m: The distance to the goal at the start, m.
+        time_limit_s: The run's time limit, simulated s.
+
+    Yields:
+        A function to call with the simulated time, s, and the distance to the goal, m.
+    """
     columns = (
         TextColumn("{task.fields[t]:6.1f} s simulated (limit {task.fields[limit]:g} s)"),
         BarColumn(bar_width=32),
@@ -62,7 +74,16 @@ def progress_bar(
 
 @contextmanager
 def counting(console: Console, what: str, total: int) -> Iterator[Callable[[int], None]]:
-    """A bar over ``total`` things that are done one by one; on terminals only."""
+    """Show how many of a number of things are done. Terminals only.
+
+    Args:
+        console: Where it is shown. Nothing is shown if it is not a terminal.
+        what: What is counted, e.g. ``scans``.
+        total: How many there are.
+
+    Yields:
+        A function to call with the number that is done.
+    """
     columns = (
         TextColumn(what),
         BarColumn(bar_width=32),
@@ -77,7 +98,14 @@ def counting(console: Console, what: str, total: int) -> Iterator[Callable[[int]
 
 @contextmanager
 def checking(console: Console) -> Iterator[Callable[[str, int], None]]:
-    """A spinner with what is being checked; on terminals only."""
+    """Show what is being checked. Terminals only.
+
+    Args:
+        console: Where it is shown. Nothing is shown if it is not a terminal.
+
+    Yields:
+        A function to call with the name of what was checked and the number of checks done.
+    """
     status = console.status("checking")
     if console.is_terminal:
         status.start()
@@ -90,7 +118,14 @@ def checking(console: Console) -> Iterator[Callable[[str, int], None]]:
 def print_table(
     console: Console, title: str, header: Sequence[str], rows: Sequence[Sequence[str]]
 ) -> None:
-    """Columns aligned to the left under their names; never wrapped, so that scripts can read it."""
+    """Print a table. Its lines are never wrapped, so that scripts can read it.
+
+    Args:
+        console: Where it is printed.
+        title: A line above the table. Empty: no such line.
+        header: The columns' names.
+        rows: The rows, each with a text for each column.
+    """
     widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
 
     def line(cells: Sequence[str]) -> str:

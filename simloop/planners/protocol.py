@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
-import numpy as np
+if TYPE_CHECKING:  # `simloop list` reads the registry and shall not wait for numpy
+    import numpy as np
 
-from simloop.messages import FloatArray, Plan, WorldView
+    from simloop.messages import FloatArray, Plan, WorldView
 
 
 class WorldKind(StrEnum):

@@ -1,4 +1,4 @@
-"""Campaigns: what is asked, what is kept whatever happens, and what is made of it."""
+"""Campaigns: the request, the journal that survives kills, and what the results show."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ from simloop.campaign import (
 from simloop.campaign.spec import Request, RunSpec, parse_seeds, sweep_values
 from simloop.campaign.work import TIMING, do_run, row_of
 from simloop.common.errors import InputError
+from simloop.common.pool import Workers, local_workers
 
 QUICK = ("time_limit_s=0.3", "goal=[1.5,0.0]")
 
@@ -106,16 +107,17 @@ def test_a_torn_line_is_run_again_and_whole_ones_are_kept(tmp_path):
 
 def test_a_folder_belongs_to_one_campaign_and_one_process(tmp_path):
     request = Request(("open",), (0, 3))
-    running = pytest.raises(InputError, match="another campaign is running")
-    with journal.Journal(tmp_path, request), running:
-        journal.Journal(tmp_path, request).__enter__()
-    with pytest.raises(InputError, match="only the seeds may differ"):
-        journal.Journal(tmp_path, Request(("trap",), (0, 3))).__enter__()
+    running = pytest.raises(InputError, match="another process is running a campaign")
+    with journal.Journal(tmp_path, request), running, journal.Journal(tmp_path, request):
+        pass
+    other = journal.Journal(tmp_path, Request(("trap",), (0, 3)))
+    with pytest.raises(InputError, match="only the seeds may differ"), other:
+        pass
     with journal.Journal(tmp_path, Request(("open",), (0, 9))):
         pass
     (tmp_path / "journal.jsonl").write_text("rubbish\n")
-    with pytest.raises(InputError, match="byte 0"):
-        journal.Journal(tmp_path, request).__enter__()
+    with pytest.raises(InputError, match="byte 0"), journal.Journal(tmp_path, request):
+        pass
 
 
 def test_results_go_through_parquet_and_rubbish_is_refused(tmp_path):
@@ -137,7 +139,7 @@ def crash_at_two(one):
 
 def test_a_worker_that_dies_takes_no_other_run_with_it():
     specs = [spec(seed) for seed in range(6)]
-    found = dict(execute.run_all(specs, execute.local(2), 2, work=crash_at_two))
+    found = dict(execute.run_all(specs, local_workers(2), work=crash_at_two))
     assert set(found) == set(specs)
     assert [s.seed for s, r in found.items() if r["outcome"] == "error"] == [2]
 
@@ -147,8 +149,7 @@ def test_a_stop_keeps_what_has_begun_and_begins_nothing():
     found = dict(
         execute.run_all(
             [spec(seed) for seed in range(100)],
-            lambda: ThreadPoolExecutor(1),
-            1,
+            Workers(lambda: ThreadPoolExecutor(1), 1),
             lambda: len(asked) > 3,
             lambda one: asked.append(one) or row(one.seed, True),
         )
@@ -156,8 +157,8 @@ def test_a_stop_keeps_what_has_begun_and_begins_nothing():
     assert set(asked) == set(found) and 3 < len(found) < 100
 
 
-def rows_by(make, workers):
-    found = dict(execute.run_all([spec(seed) for seed in range(4)], make, workers))
+def rows_by(workers):
+    found = dict(execute.run_all([spec(seed) for seed in range(4)], workers))
     return {
         s.seed: {k: v for k, v in r.items() if k not in TIMING} for s, r in found.items()
     }  # fmt: skip
@@ -167,19 +168,36 @@ def test_the_rows_do_not_depend_on_the_executor():
     distributed = pytest.importorskip("distributed")
     alone = {s.seed: {k: v for k, v in do_run(s).items() if k not in TIMING}
              for s in (spec(seed) for seed in range(4))}  # fmt: skip
-    assert rows_by(execute.local(2), 2) == alone
+    assert rows_by(local_workers(2)) == alone
     with (
         distributed.LocalCluster(
             n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None
         ) as cluster,
-        execute.dask(cluster.scheduler_address) as (make, threads),
+        execute.dask_cluster(cluster.scheduler_address) as workers,
     ):
-        assert rows_by(make, threads) == alone
+        assert rows_by(workers) == alone
+
+
+def test_a_run_that_kills_its_cluster_worker_is_a_row_too():
+    distributed = pytest.importorskip("distributed")
+    dask = pytest.importorskip("dask")
+    specs = [spec(seed) for seed in range(1, 4)]
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None
+        ) as cluster,
+        execute.dask_cluster(cluster.scheduler_address) as workers,
+    ):
+        found = dict(execute.run_all(specs, workers, work=crash_at_two))
+    assert {s.seed: r["outcome"] for s, r in found.items()} == {
+        1: "reached", 2: "error", 3: "reached"
+    }  # fmt: skip
 
 
 def test_no_cluster_at_an_address_is_one_line():
     pytest.importorskip("distributed")
-    with pytest.raises(InputError, match="--dask"), execute.dask("nonsense://here"):
+    with pytest.raises(InputError, match="--dask"), execute.dask_cluster("nonsense://here"):
         pass
 
 
@@ -208,6 +226,12 @@ def test_thresholds_hold_or_are_missed_by_what_was_measured():
 def test_what_is_no_threshold_is_refused(text):
     with pytest.raises(InputError, match="--require"):
         thresholds.parse(text)
+
+
+def test_the_rate_of_an_unknown_outcome_is_refused():
+    with pytest.raises(InputError, match=r"did you mean 'collision_rate'\?"):
+        thresholds.parse("colision_rate<=0.01")
+    assert thresholds.parse("error_rate<=0.01").name == "error_rate"
 
 
 def test_junit_counts_failures_unless_thresholds_decide(tmp_path):
@@ -240,7 +264,7 @@ def test_compare_finds_what_changed_and_leaves_chance_alone():
 def command(out, seeds="0:12"):
     overrides = [part for text in QUICK for part in ("--set", text)]
     options = ["--no-report", "--record-failures", "0", "--workers", "1", "--out", str(out)]
-    program = [sys.executable, "-m", "simloop.cli.main", "campaign", "open", "--seeds", seeds]
+    program = [sys.executable, "-m", "simloop.cli", "campaign", "open", "--seeds", seeds]
     return [*program, *options, *overrides]
 
 
@@ -275,7 +299,11 @@ def test_the_report_names_every_cell_and_every_failure(tmp_path):
     runs = [(spec(k), row(k, k > 0, sim_time_s=5.0 + k)) for k in range(3)]
     verdicts = thresholds.judge([thresholds.parse("success_rate>=0.9")], [r for _, r in runs])
     page = report.render(runs, verdicts, [(*runs[0], "")])
-    assert "2 of 3 runs arrived" in page and "missed" in page and page.count("data:image/png") == 2
+    assert (
+        "2 of 3 runs reached the goal" in page
+        and ">fails<" in page
+        and page.count("data:image/png") == 2
+    )
     assert "simloop run open --seed 0" in page and "No picture could be drawn" in page
 
 

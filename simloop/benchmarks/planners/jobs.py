@@ -1,12 +1,10 @@
-"""Many trials over several processes, which Ctrl-C ends early without losing what is done."""
+"""Divides the planner benchmark into jobs and does them, on several processes if asked to."""
 
 from __future__ import annotations
 
-import signal
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from collections.abc import Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass
-from multiprocessing import active_children, get_context
 
 from simloop.benchmarks.planners.scenes import Instance
 from simloop.benchmarks.planners.tasks import Task
@@ -17,11 +15,21 @@ from simloop.benchmarks.planners.trials import (
     settings,
     try_once,
 )
+from simloop.common import pool
 
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """All the seeds of one planner on one task, given by its number."""
+    """All trials of one planner on one task.
+
+    Attributes:
+        task: The task's index in the benchmark's list of tasks.
+        planner: The planner's name.
+        seeds: The seed of each trial.
+        budget: How many evaluations of the objective each plan may use.
+        learners: The size of a population.
+        history: Whether the best cost is kept as a function of the evaluations.
+    """
 
     task: int
     planner: str
@@ -41,15 +49,29 @@ def make_jobs(
     history: bool = False,
     few: int | None = None,
 ) -> list[Job]:
-    """At least ``seeds`` plans a scene and planner, shared by its instances; one an instance
-    for what knows no chance, ``few`` at most for what is slow. Where a planner has no answer for a
-    kind of world there is no job."""
-    count: dict[str, int] = {}
+    """Make the jobs of a benchmark.
+
+    A scene's plans are shared equally by its instances. A deterministic planner plans only once
+    on each instance. A planner that cannot plan in a kind of world gets no job there.
+
+    Args:
+        tasks: The tasks: all instances of all scenes.
+        planners: The planners' names.
+        seeds: How many plans each planner makes on each scene, at least.
+        budget: How many evaluations of the objective each plan may use.
+        learners: The size of a population.
+        history: Whether the trials keep the best cost as a function of the evaluations.
+        few: The most plans of a slow planner on each instance. None: no limit.
+
+    Returns:
+        The jobs, task by task.
+    """
+    instances: dict[str, int] = {}
     for task in tasks:
-        count[task.scene] = count.get(task.scene, 0) + 1
+        instances[task.scene] = instances.get(task.scene, 0) + 1
     jobs = []
     for number, task in enumerate(tasks):
-        each = -(-seeds // count[task.scene])
+        each = -(-seeds // instances[task.scene])
         for name in planners:
             if handles(name, task.instance):
                 most = few if few is not None and info_of(name).slow else each
@@ -59,42 +81,52 @@ def make_jobs(
 
 
 def do_job(job: Job, one: Instance) -> list[Trial]:
-    """The job's trials on its instance."""
+    """Do the trials of one job.
+
+    Args:
+        job: The job.
+        one: The instance of the job's task.
+
+    Returns:
+        One trial for each of the job's seeds.
+    """
     config = settings(job.planner, one, job.budget, job.learners)
     return [try_once(job.planner, one, seed, config, history=job.history) for seed in job.seeds]
 
 
-def _leave_interrupts_to_the_parent() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
 def run_jobs(
-    jobs: Sequence[Job],
-    tasks: Sequence[Task],
-    *,
-    workers: int,
-    done: Callable[[Job], None] = lambda job: None,
+    jobs: Sequence[Job], tasks: Sequence[Task], *, workers: int
 ) -> Iterator[tuple[Job, list[Trial]]]:
-    """Each job with its trials, as they are finished; in order with one worker.
+    """Do the jobs and give the trials of each as soon as it is finished.
 
-    On KeyboardInterrupt the jobs not yet begun are given up, and the interrupt goes on.
+    On KeyboardInterrupt the jobs that are not finished are given up and the workers are ended.
+
+    Args:
+        jobs: The jobs.
+        tasks: The tasks that the jobs number.
+        workers: The number of processes. With 1, the jobs are done in this process, in order.
+
+    Yields:
+        Pairs of a job and its trials.
+
+    Raises:
+        RuntimeError: If a job's worker process died twice.
     """
     if workers <= 1:
         for job in jobs:
             yield job, do_job(job, tasks[job.task].instance)
-            done(job)
         return
-    context = get_context("spawn")
-    with ProcessPoolExecutor(workers, context, _leave_interrupts_to_the_parent) as pool:
-        futures: dict[Future[list[Trial]], Job] = {
-            pool.submit(do_job, job, tasks[job.task].instance): job for job in jobs
-        }
-        try:
-            for future in as_completed(futures):
-                yield futures[future], future.result()
-                done(futures[future])
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for process in active_children():
-                process.terminate()
-            raise
+    items = [(job, tasks[job.task].instance) for job in jobs]
+    results = pool.run_all(items, _do_item, pool.local_workers(workers), when_lost=_raise_lost)
+    with closing(results):
+        for (job, _), trials in results:
+            yield job, trials
+
+
+def _do_item(item: tuple[Job, Instance]) -> list[Trial]:
+    return do_job(*item)
+
+
+def _raise_lost(item: tuple[Job, Instance]) -> list[Trial]:
+    job, one = item
+    raise RuntimeError(f"planner {job.planner} on {one.name}: its worker process died twice")

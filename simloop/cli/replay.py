@@ -1,0 +1,76 @@
+"""``simloop replay``: maps or localises with a recorded log of a real robot."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from simloop.cli.common import INTERRUPTED, compiling_shown, stop_asked, write_json
+
+Log = Annotated[Path, typer.Argument(help="A CARMEN .log or .clf file, or an .npz file of scans.")]
+JsonOrStdout = Annotated[
+    Path | None,
+    typer.Option("--json", metavar="FILE", help="Write all figures as JSON; - means stdout."),
+]
+Out = Annotated[
+    Path | None,
+    typer.Option(metavar="DIR", help="Write map, trajectory (TUM format) and recording here."),
+]
+Relations = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="Reference relations to judge the trajectory by."),
+]
+Prior = Annotated[
+    Path | None,
+    typer.Option("--map", metavar="FILE.yaml", help="Localise in this map instead of making one."),
+]
+
+
+def replay(
+    log: Log,
+    json_file: JsonOrStdout = None,
+    out: Out = None,
+    relations: Relations = None,
+    prior: Prior = None,
+) -> int:
+    """Map or localise with a recorded log of a real robot.
+
+    Ctrl-C ends the log early and keeps what was made of it by then.
+    \f
+
+    Args:
+        log: The log.
+        json_file: Where the figures are written as JSON; ``-`` means stdout.
+        out: The directory of map, trajectory and recording.
+        relations: The file of reference relations between poses of the trajectory.
+        prior: The YAML file of a map to localise in.
+
+    Returns:
+        The exit code.
+    """
+    from simloop.common.terminal import counting
+    from simloop.graph_slam.settings import MappingConfig
+    from simloop.mapping.map_files import load_map
+    from simloop.replay import outputs, session
+
+    files = outputs.ReplayFiles(out, json_file)
+    files.check(log, relations, prior, prior and prior.with_suffix(".pgm"))
+    read, truth = session.load(log, relations)
+    config = MappingConfig()
+    known = load_map(prior, config.grid) if prior is not None else None
+    notes, bar = Console(stderr=True), counting(Console(stderr=True), "scans", len(read.t_s))
+    with stop_asked() as stop, compiling_shown(notes) as report, bar as show:
+        replayed = session.run(
+            read, truth, config, known, lambda done: show(done) or not stop(), report
+        )
+        outputs.write(replayed, files)
+    if json_file == outputs.STDOUT:
+        print(json.dumps(replayed.figures, indent=2))
+    else:
+        outputs.print_figures(Console(), replayed.figures)
+        write_json(json_file, replayed.figures)
+    return INTERRUPTED if replayed.figures["interrupted"] else 0

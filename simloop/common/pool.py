@@ -1,0 +1,209 @@
+"""Runs many independent work items on an executor: processes of this machine, or a cluster.
+
+The items are handed out a few at a time, and each result is given back as soon as it is there.
+"""
+
+from __future__ import annotations
+
+import signal
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    wait,
+)
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing.context import SpawnContext, SpawnProcess
+from typing import Any, Generic, TypeVar
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+_ITEMS_PER_WORKER = 2  # under way: no worker waits for work, and little is lost with a pool
+_CHECK_STOP_EVERY_S = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class Workers:
+    """Where work items are worked on.
+
+    Attributes:
+        make_pool: Makes the executor. It is called again if a worker died.
+        count: How many items are worked on at the same time.
+        deaths: What a future of the executor raises if its worker died.
+    """
+
+    make_pool: Callable[[], Executor]
+    count: int
+    deaths: tuple[type[BaseException], ...] = (BrokenExecutor,)
+
+
+class WorkerPool(ProcessPoolExecutor):
+    """A process pool whose own workers can be ended at once.
+
+    Each worker starts as a fresh interpreter and ignores Ctrl-C: the parent process decides when
+    its workers end.
+    """
+
+    def __init__(self, workers: int) -> None:
+        """Prepare the pool. A worker process starts when there is work for it.
+
+        Args:
+            workers: The greatest number of processes, at least 1.
+        """
+        self._context = _RecordingContext()
+        super().__init__(workers, self._context, _ignore_interrupts)
+
+    def end_workers(self) -> None:
+        """Give up all work and end the processes of this pool, and no other process."""
+        self.shutdown(wait=False, cancel_futures=True)
+        for process in self._context.started:
+            if process.is_alive():
+                process.terminate()
+
+
+def local_workers(count: int) -> Workers:
+    """Describe worker processes on this machine.
+
+    Args:
+        count: The number of processes, at least 1.
+
+    Returns:
+        The workers. No process starts before there is work.
+    """
+    return Workers(lambda: WorkerPool(count), count)
+
+
+def run_all(
+    items: Sequence[Item],
+    work: Callable[[Item], Result],
+    workers: Workers,
+    *,
+    when_lost: Callable[[Item], Result],
+    stop: Callable[[], bool] = lambda: False,
+) -> Generator[tuple[Item, Result], None, None]:
+    """Do the work of every item and give the results in the order in which they are finished.
+
+    If a worker process dies, its pool breaks, and all items in that pool lose their results. The
+    pool is then made anew, and these items are tried again one at a time. An item that loses its
+    pool once more, while it is alone in it, is given up.
+
+    If the caller stops iterating, or is interrupted, the workers of the pool are ended at once.
+
+    Args:
+        items: The work items. Each must be picklable if the workers are processes.
+        work: The function that makes an item's result. Picklable like the items.
+        workers: Where the items are worked on.
+        when_lost: Makes the result of an item that was given up, or raises.
+        stop: Asked several times a second. Once it returns True no further item is begun; the
+            items that a worker has begun are finished.
+
+    Yields:
+        Pairs of an item and its result.
+
+    Raises:
+        Exception: Whatever ``work`` or ``when_lost`` raises. The remaining items are given up.
+    """
+    waiting, suspects = deque(items), deque[Item]()
+    pool, alone = _Pool(work, workers), False
+    try:
+        while (waiting or suspects or pool.busy) and not stop():
+            # The last suspect too has the pool for itself until it is finished.
+            alone = bool(suspects) or (alone and pool.busy)
+            if alone:
+                pool.submit_from(suspects, 1)
+            else:
+                pool.submit_from(waiting, _ITEMS_PER_WORKER * workers.count)
+            finished, lost = pool.collect()
+            yield from finished
+            if alone:
+                yield from [(item, when_lost(item)) for item in lost]
+            else:
+                suspects.extend(lost)
+        yield from pool.finish()
+    except BaseException:  # also GeneratorExit: nobody waits for the results any more
+        pool.abandon()
+        raise
+
+
+class _Pool(Generic[Item, Result]):
+    """An executor and the items it works on. It is made anew when it is found to be broken."""
+
+    def __init__(self, work: Callable[[Item], Result], workers: Workers) -> None:
+        self._work, self._workers, self._deaths = work, workers, workers.deaths
+        self._executor, self._broken = workers.make_pool(), False
+        self._under_way: dict[Future[Result], Item] = {}
+
+    @property
+    def busy(self) -> bool:
+        return bool(self._under_way)
+
+    def submit_from(self, queue: deque[Item], most: int) -> None:
+        """Take items from the queue until ``most`` are under way."""
+        while queue and len(self._under_way) < most:
+            try:
+                future = self._executor.submit(self._work, queue[0])
+            except self._deaths:  # a worker died between two items
+                self._broken = True
+                return
+            self._under_way[future] = queue.popleft()
+
+    def collect(self) -> tuple[list[tuple[Item, Result]], list[Item]]:
+        """Wait a moment; the items with a result, and those that a broken executor lost."""
+        done, _ = wait(self._under_way, _CHECK_STOP_EVERY_S, FIRST_COMPLETED)
+        if self._broken or any(isinstance(f.exception(), self._deaths) for f in done):
+            # A broken executor ends every future, so none of them is left behind.
+            done, _ = wait(self._under_way)
+            self._executor.shutdown(wait=False)
+            self._executor, self._broken = self._workers.make_pool(), False
+        finished: list[tuple[Item, Result]] = []
+        lost: list[Item] = []
+        for future in [future for future in self._under_way if future in done]:
+            item = self._under_way.pop(future)
+            try:
+                finished.append((item, future.result()))
+            except self._deaths:
+                lost.append(item)
+        return finished, lost
+
+    def finish(self) -> Iterator[tuple[Item, Result]]:
+        """Drop what no worker has begun, give the results of the rest, and end the executor."""
+        for future in self._under_way:
+            future.cancel()
+        for future, item in self._under_way.items():
+            if not future.cancelled():
+                with suppress(*self._deaths):
+                    yield item, future.result()
+        self._executor.shutdown(wait=True)
+
+    def abandon(self) -> None:
+        """Give up everything that is under way."""
+        for future in self._under_way:
+            future.cancel()
+        if isinstance(self._executor, WorkerPool):
+            self._executor.end_workers()
+        else:
+            self._executor.shutdown(wait=False)
+
+
+class _RecordingContext(SpawnContext):
+    """The ``spawn`` way of starting processes, which remembers the processes that it made."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.started: list[SpawnProcess] = []
+
+    def Process(self, *args: Any, **kwargs: Any) -> SpawnProcess:  # type: ignore[override]
+        process = super().Process(*args, **kwargs)
+        self.started.append(process)
+        return process
+
+
+def _ignore_interrupts() -> None:
+    """Ctrl-C in a terminal reaches the workers too, but their parent decides what it means."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
