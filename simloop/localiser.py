@@ -31,12 +31,12 @@ from simloop.estimation.relocalise import SearchMap, relocalise
 from simloop.estimation.shove_detector import ShoveDetector
 from simloop.geometry.se2 import between, compose
 from simloop.messages import (
-    GYRO,
-    SHOVED,
     Estimate,
     Event,
     FloatArray,
     Health,
+    HealthReason,
+    HealthState,
     LidarScan,
     Message,
     PoseFix,
@@ -155,7 +155,7 @@ class Localiser:
             if new_imu:
                 forward, lateral, _ = imu.accel_mps2.tolist()
                 if self._shoves.update(t_ns, lateral - speed * rate):
-                    health.note(t_ns, SHOVED)
+                    health.note(t_ns, HealthReason.SHOVED)
                 ekf.shove_var = self._shoves.position_noise(t_ns)
             row = self._odometry.push(t_ns)
             row[:3], row[3:6] = reckoning.odom_from_base, reckoning.by_wheels
@@ -277,9 +277,9 @@ class Localiser:
         if outlier is Outlier.GYRO:
             jump = abs(moved[2] - votes.imu[2]) / votes.duration
             deviations[BIAS] = max(_LEAST_BIAS_JUMP_RADPS, jump)
-            self.health.note(fix.t_ns, GYRO)
+            self.health.note(fix.t_ns, HealthReason.GYRO)
         else:
-            self.health.note(fix.t_ns, SHOVED)
+            self.health.note(fix.t_ns, HealthReason.SHOVED)
         self.ekf.widen(fix.t_ns, deviations)
         return self.ekf.correct(fix)
 
@@ -313,5 +313,5 @@ class Localiser:
 
 
 def _event_of(health: Health) -> Event:
-    level = "info" if health.state == "ok" else "warning"
+    level = "info" if health.state is HealthState.OK else "warning"
     return Event(health.t_ns, level, ", ".join((f"localisation {health.state}", *health.reasons)))

@@ -13,13 +13,10 @@ from enum import StrEnum
 
 from simloop.config import RatesConfig, WatchdogConfig
 from simloop.messages import (
-    LEFT_BELT,
-    NO_COUNTS,
-    NO_IMU,
-    RIGHT_BELT,
     EncoderReading,
     Event,
     FloatArray,
+    HealthReason,
 )
 
 
@@ -34,7 +31,7 @@ class Stale(StrEnum):
     NO_BELTS = "no belt is heard"
 
 
-_BOTH_BELTS = {LEFT_BELT, RIGHT_BELT}
+_BOTH_BELTS = {HealthReason.LEFT_BELT, HealthReason.RIGHT_BELT}
 _DRIVEN_RADPS = 1.4  # of both sprockets: 5 cm/s, two counts a period
 _STANDING_TICKS = 10  # twenty counts that have not come
 _AT_REST_TICKS = 30
@@ -142,6 +139,6 @@ class Watchdog:
             return Stale.OLD_PATH
         if image_ns is not None and t_ns - image_ns > self._image_ns:
             return Stale.BLIND
-        if NO_COUNTS in reasons:
-            return Stale.NO_MOTION_SENSOR if NO_IMU in reasons else Stale.NO_BELTS
+        if HealthReason.NO_COUNTS in reasons:
+            return Stale.NO_MOTION_SENSOR if HealthReason.NO_IMU in reasons else Stale.NO_BELTS
         return Stale.NO_BELTS if _BOTH_BELTS.issubset(reasons) else Stale.NOTHING

@@ -15,19 +15,13 @@ from __future__ import annotations
 from collections import deque
 
 from simloop.messages import (
-    LEFT_BELT,
-    LOST,
-    MISFIT,
-    NO_COUNTS,
-    NO_IMU,
-    NO_SCANS,
-    NOTHING_SEEN,
-    RIGHT_BELT,
     Health,
+    HealthReason,
+    HealthState,
 )
 
 _HOLD_NS = 500_000_000  # how long a reason holds after it was last given
-_HALTING = {NO_SCANS, LOST}
+_HALTING = {HealthReason.NO_SCANS, HealthReason.LOST}
 _SCANS_MISSED = 3  # scan periods without a scan
 _READINGS_MISSED_NS = 50_000_000
 _BELT_TICKS = 30  # control periods over which a belt is judged,
@@ -51,14 +45,14 @@ class HealthMonitor:
             lidar_period_ns: Time from one scan to the next.
         """
         self._scan_ns = lidar_period_ns
-        self._until_ns: dict[str, int] = {}
+        self._until_ns: dict[HealthReason, int] = {}
         self._belts = tuple(deque([False] * _BELT_TICKS, _BELT_TICKS) for _ in range(2))
         self._counts = [0, 0]
         self._last_scan_ns = 0
         self._misfits = 0
         self._halted_since_ns: int | None = None
         self.lost_since_ns: int | None = None
-        self.current = Health(0, "ok", (), False)
+        self.current = Health(0, HealthState.OK, (), False)
 
     @property
     def lost(self) -> bool:
@@ -68,7 +62,10 @@ class HealthMonitor:
     @property
     def belts_heard(self) -> tuple[bool, bool]:
         """Whether the left and the right encoder are worth listening to."""
-        return LEFT_BELT not in self._until_ns, RIGHT_BELT not in self._until_ns
+        return (
+            HealthReason.LEFT_BELT not in self._until_ns,
+            HealthReason.RIGHT_BELT not in self._until_ns,
+        )
 
     def sure_until_ns(self, t_ns: int) -> int:
         """Return until when the robot had scans, and no halting doubt of where it was.
@@ -82,7 +79,7 @@ class HealthMonitor:
         doubt_ns = self._halted_since_ns if self.lost_since_ns is None else self.lost_since_ns
         return min(t_ns if doubt_ns is None else doubt_ns, self._last_scan_ns)
 
-    def note(self, t_ns: int, reason: str) -> None:
+    def note(self, t_ns: int, reason: HealthReason) -> None:
         """Give a reason, which holds for a while from now on.
 
         Args:
@@ -98,7 +95,7 @@ class HealthMonitor:
             t_ns: Now.
             refused: Left and right.
         """
-        for side, reason in enumerate((LEFT_BELT, RIGHT_BELT)):
+        for side, reason in enumerate((HealthReason.LEFT_BELT, HealthReason.RIGHT_BELT)):
             kept = self._belts[side]
             if refused[side] or self._counts[side]:
                 self._counts[side] += refused[side] - kept[0]
@@ -114,7 +111,7 @@ class HealthMonitor:
             encoders_ns: Newest stamp of the encoders.
             imu_ns: Newest stamp of the IMU.
         """
-        for reason, stamp in ((NO_COUNTS, encoders_ns), (NO_IMU, imu_ns)):
+        for reason, stamp in ((HealthReason.NO_COUNTS, encoders_ns), (HealthReason.NO_IMU, imu_ns)):
             if t_ns - stamp > _READINGS_MISSED_NS:
                 self.note(t_ns, reason)
 
@@ -128,12 +125,12 @@ class HealthMonitor:
         """
         self._last_scan_ns = t_ns
         if not informative:
-            self.note(t_ns, NOTHING_SEEN)
+            self.note(t_ns, HealthReason.NOTHING_SEEN)
         elif taken:
             self._misfits, self._halted_since_ns = 0, None
         else:
             self._misfits += 1
-            self.note(t_ns, MISFIT)
+            self.note(t_ns, HealthReason.MISFIT)
             if self._misfits == _MISFITS_TO_HALT:
                 self._halted_since_ns = t_ns
         if self._misfits >= _MISFITS_TO_BE_LOST and not self.lost:
@@ -154,18 +151,21 @@ class HealthMonitor:
         """
         doubtful = self._misfits >= _MISFITS_TO_HALT
         if t_ns - self._last_scan_ns > _SCANS_MISSED * self._scan_ns:
-            self._until_ns[NO_SCANS] = t_ns + 1
+            self._until_ns[HealthReason.NO_SCANS] = t_ns + 1
         if self.lost:
-            self._until_ns[LOST] = t_ns + 1
+            self._until_ns[HealthReason.LOST] = t_ns + 1
         elif doubtful:  # the reason is reported for as long as it halts
-            self._until_ns[MISFIT] = max(t_ns + 1, self._until_ns.get(MISFIT, 0))
-        if not self._until_ns and self.current.state == "ok":
+            self._until_ns[HealthReason.MISFIT] = max(
+                t_ns + 1, self._until_ns.get(HealthReason.MISFIT, 0)
+            )
+        if not self._until_ns and self.current.state is HealthState.OK:
             return None
         for reason in [r for r, until_ns in self._until_ns.items() if until_ns <= t_ns]:
             del self._until_ns[reason]
         reasons = tuple(sorted(self._until_ns))
         halts = doubtful or not _HALTING.isdisjoint(reasons)
-        state = "lost" if self.lost else "degraded" if reasons else "ok"
+        state = HealthState.DEGRADED if reasons else HealthState.OK
+        state = HealthState.LOST if self.lost else state
         current = self.current
         if (state, reasons, halts) == (current.state, current.reasons, current.halts):
             return None

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from simloop.messages import FloatArray, Health
+from simloop.messages import FloatArray, Health, HealthState
 
 WRONG_M, WRONG_RAD = 0.1, 0.1
 """A pose with a larger error than one of these is wrong."""
@@ -36,18 +36,19 @@ def health_account(
     changes = np.array([report.t_ns for report in reports], np.int64)
     current = changes.searchsorted(t_ns, side="right")
     ticks = np.bincount(current, minlength=len(reports) + 1)
-    states = {"ok": float(ticks[0]), "degraded": 0.0, "lost": 0.0}
+    states = dict.fromkeys((state.value for state in HealthState), 0.0)
+    states["ok"] = float(ticks[0])
     reasons: dict[str, float] = {}
     for report, count in zip(reports, ticks[1:].tolist(), strict=True):
-        states[report.state] += count
+        states[report.state.value] += count
         for reason in report.reasons:
-            reasons[reason] = reasons.get(reason, 0.0) + count * period_s
-    reported_ok = np.array([True, *(report.state == "ok" for report in reports)])[current]
+            reasons[reason.value] = reasons.get(reason.value, 0.0) + count * period_s
+    reported_ok = np.array([True, *(report.state is HealthState.OK for report in reports)])[current]
     wrong = (np.hypot(error[:, 0], error[:, 1]) > WRONG_M) | (np.abs(error[:, 2]) > WRONG_RAD)
     moves = np.hypot(*np.diff(truth[:, :2], axis=0, prepend=truth[:1, :2]).T) > _MOVING_M
     return {
         **{f"{state}_s": count * period_s for state, count in states.items()},
         "reasons_s": reasons,
-        "final": reports[-1].state if reports else "ok",
+        "final": reports[-1].state.value if reports else "ok",
         "unsaid_s": float(np.sum(reported_ok & wrong & moves)) * period_s,
     }

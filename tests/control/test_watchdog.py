@@ -12,12 +12,9 @@ from simloop.config import RatesConfig, WatchdogConfig
 from simloop.control.watchdog import Stale, StandingCounts, Watchdog
 from simloop.loop import Simulation
 from simloop.messages import (
-    LEFT_BELT,
-    NO_COUNTS,
-    NO_IMU,
-    RIGHT_BELT,
     EncoderReading,
     Event,
+    HealthReason,
     Plan,
     TrackCommand,
     Velocity,
@@ -50,11 +47,11 @@ def looked(reasons=(), path_age_ns=None, lag_ns=0):
         ({"path_age_ns": PATH_NS + 1}, Stale.OLD_PATH, True),
         ({"lag_ns": 50_000_000}, "", False),
         ({"lag_ns": 60_000_000}, Stale.LATE, True),
-        ({"reasons": (NO_IMU,)}, "", False),
-        ({"reasons": (LEFT_BELT,)}, "", False),
-        ({"reasons": (LEFT_BELT, RIGHT_BELT)}, Stale.NO_BELTS, False),
-        ({"reasons": (NO_COUNTS,)}, Stale.NO_BELTS, False),
-        ({"reasons": (NO_COUNTS, NO_IMU)}, Stale.NO_MOTION_SENSOR, True),
+        ({"reasons": (HealthReason.NO_IMU,)}, "", False),
+        ({"reasons": (HealthReason.LEFT_BELT,)}, "", False),
+        ({"reasons": (HealthReason.LEFT_BELT, HealthReason.RIGHT_BELT)}, Stale.NO_BELTS, False),
+        ({"reasons": (HealthReason.NO_COUNTS,)}, Stale.NO_BELTS, False),
+        ({"reasons": (HealthReason.NO_COUNTS, HealthReason.NO_IMU)}, Stale.NO_MOTION_SENSOR, True),
     ],
 )
 def test_what_is_too_old_and_what_follows(given_, cause, stops):
@@ -68,7 +65,10 @@ def test_what_is_too_old_and_what_follows(given_, cause, stops):
 
 def test_it_says_so_once_and_again_when_all_is_fresh():
     it = watchdog()
-    said = [it.check(t * TICK_NS, (NO_COUNTS,) if 5 <= t < 20 else (), None) for t in range(1, 40)]
+    said = [
+        it.check(t * TICK_NS, (HealthReason.NO_COUNTS,) if 5 <= t < 20 else (), None)
+        for t in range(1, 40)
+    ]
     texts = [event.text for event in said if event is not None]
     assert len(texts) == 2 and "slowing" in texts[0] and "going on" in texts[1]
 
@@ -93,7 +93,7 @@ speeds, rates = st.floats(-0.45, 0.45), st.floats(-1.6, 1.6)
 @settings(max_examples=100)
 def test_it_brakes_within_what_the_monitor_assumes(speed, rate):
     """Noticed 60 ms late, the stop is still no longer than the one that was found to be free."""
-    out = braked(speed, rate, (NO_COUNTS, NO_IMU))
+    out = braked(speed, rate, (HealthReason.NO_COUNTS, HealthReason.NO_IMU))
     assert (np.abs(np.diff(out, axis=0, prepend=[[speed, rate]])).T >= -1e-12).all()
     assert np.abs(out[-1]).max() == 0.0
     braking = max(abs(speed) / DRIVE.max_decel_mps2, abs(rate) / DRIVE.max_yaw_accel_radps2)
@@ -106,7 +106,7 @@ def test_it_brakes_within_what_the_monitor_assumes(speed, rate):
 @given(speeds, rates)
 @settings(max_examples=100)
 def test_without_counts_it_slows_down_to_what_is_set_and_never_speeds_up(speed, rate):
-    out = braked(speed, rate, (NO_COUNTS,))
+    out = braked(speed, rate, (HealthReason.NO_COUNTS,))
     assert abs(out[-1, 0]) <= CONFIG.unheard_mps + 1e-9
     assert (np.diff(np.abs(out), axis=0) <= 1e-12).all()
     slow = abs(speed) <= CONFIG.unheard_mps and abs(rate) <= 0.5

@@ -6,15 +6,7 @@ import pytest
 
 from simloop.estimation.health import HealthMonitor
 from simloop.messages import (
-    GYRO,
-    LEFT_BELT,
-    LOST,
-    MISFIT,
-    NO_COUNTS,
-    NO_IMU,
-    NO_SCANS,
-    NOTHING_SEEN,
-    RIGHT_BELT,
+    HealthReason,
 )
 
 SCAN_NS, PERIOD_NS = 100_000_000, 10_000_000
@@ -41,13 +33,13 @@ def test_in_order_there_is_nothing_to_report():
 
 def test_a_reason_holds_for_half_a_second_and_is_reported_twice():
     health = fed(GOOD)
-    health.note(SCAN_NS, GYRO)
+    health.note(SCAN_NS, HealthReason.GYRO)
     reports = []
     for t_ns in range(SCAN_NS, 10 * SCAN_NS, PERIOD_NS):
         health.scan(t_ns, *GOOD)
         reports.append((t_ns, health.review(t_ns)))
     reports = [(t_ns, report) for t_ns, report in reports if report is not None]
-    assert [report.reasons for _, report in reports] == [(GYRO,), ()]
+    assert [report.reasons for _, report in reports] == [(HealthReason.GYRO,), ()]
     assert reports[1][0] - reports[0][0] == 500_000_000
 
 
@@ -75,7 +67,10 @@ def test_thin_scans_after_misfits_are_said_and_end_as_no_longer_sure():
     """They decide nothing; the halt must not go on in silence."""
     health = fed(GOOD, MISFITS, MISFITS, *[THIN] * 150)
     assert health.current.halts
-    assert MISFIT in health.current.reasons and NOTHING_SEEN in health.current.reasons
+    assert (
+        HealthReason.MISFIT in health.current.reasons
+        and HealthReason.NOTHING_SEEN in health.current.reasons
+    )
     assert health.sure_until_ns(153 * SCAN_NS) == 3 * SCAN_NS
 
 
@@ -87,7 +82,7 @@ def test_a_fix_after_thin_scans_ends_the_halt_and_the_doubt():
 
 def test_lost_lasts_until_it_is_found():
     health = fed(GOOD, *[MISFITS] * 5)
-    assert health.lost and LOST in health.current.reasons
+    assert health.lost and HealthReason.LOST in health.current.reasons
     assert health.sure_until_ns(6 * SCAN_NS) == 5 * SCAN_NS
     health.found()
     for i in range(7, 13):
@@ -101,7 +96,7 @@ def test_no_scans_for_three_periods_halt_and_a_scan_ends_it_at_once():
     health = fed(GOOD)
     assert health.review(4 * SCAN_NS) is None
     report = health.review(4 * SCAN_NS + PERIOD_NS)
-    assert report.halts and report.reasons == (NO_SCANS,)
+    assert report.halts and report.reasons == (HealthReason.NO_SCANS,)
     assert health.sure_until_ns(5 * SCAN_NS) == SCAN_NS
     health.scan(5 * SCAN_NS, *GOOD)
     assert not health.review(5 * SCAN_NS).halts
@@ -111,13 +106,18 @@ def test_readings_that_stop_are_told_apart():
     health = fed(GOOD)
     t_ns = SCAN_NS + 6 * PERIOD_NS
     health.readings(t_ns, t_ns, SCAN_NS)
-    assert health.review(t_ns).reasons == (NO_IMU,)
+    assert health.review(t_ns).reasons == (HealthReason.NO_IMU,)
     health.readings(t_ns + PERIOD_NS, SCAN_NS, SCAN_NS)
-    assert set(health.review(t_ns + PERIOD_NS).reasons) == {NO_IMU, NO_COUNTS}
+    assert set(health.review(t_ns + PERIOD_NS).reasons) == {
+        HealthReason.NO_IMU,
+        HealthReason.NO_COUNTS,
+    }
     assert not health.current.halts
 
 
-@pytest.mark.parametrize(("side", "reason"), [(0, LEFT_BELT), (1, RIGHT_BELT)])
+@pytest.mark.parametrize(
+    ("side", "reason"), [(0, HealthReason.LEFT_BELT), (1, HealthReason.RIGHT_BELT)]
+)
 def test_a_belt_is_not_heard_when_it_is_refused_most_of_the_time(side, reason):
     health = fed(GOOD)
     refused = [False, False]
