@@ -114,6 +114,8 @@ class SeparationConfig:
         horizon_s: How far ahead encounters are predicted, s.
         threat_m: A predicted distance below this is worth an evasive motion, m.
         worth_m: Predicted distance that an evasive motion must gain, m.
+        comfort_m: Predicted distance beyond which more is worth nothing, m: of the motions that
+            keep it, the one nearest to what is asked is taken.
         keep_s: How long an evasive motion is kept, s.
         restless_s: Time that a standing robot needs to get under way, s. It does not set off
             while something that moved lately can reach it within this time.
@@ -129,6 +131,7 @@ class SeparationConfig:
     horizon_s: Positive = 1.5
     threat_m: NonNegative = 0.10
     worth_m: NonNegative = 0.05
+    comfort_m: NonNegative = 0.3
     keep_s: Positive = 0.3
     restless_s: NonNegative = 0.2
     patience_s: NonNegative = 3.0

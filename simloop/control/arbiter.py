@@ -40,6 +40,7 @@ _RECOVERY_RATE_RADPS = 0.7  # largest yaw rate of a robot that frees itself
 _ARC_S = 1.5  # duration of the fan's arcs
 _CLEAR_S = 1.0  # duration for which an evasive arc must be free of what stands
 _WAY_OUT_KEPT_NS = 400_000_000
+_RATE_COUNTS_M = 0.25  # m/s that a rad/s off what is asked counts as
 _ROOM_M = 0.08  # more room than this around the robot is worth no more
 _SLACK = 1e-12
 
@@ -141,20 +142,22 @@ class Weights(NamedTuple):
     """What counts when arcs are compared; all in metres of worth.
 
     Attributes:
-        gap: Of a metre to what moves, as predicted.
+        gap: Of a metre to what moves, as predicted, as far as that counts.
+        asked: Of a m/s nearer to the velocity that is asked for.
         room: Of a metre of room to what stands, up to 8 cm.
         way: Of a metre of free way, wherever it leads.
         nearer: Of a metre nearer to the path's next part.
     """
 
     gap: float
+    asked: float
     room: float
     way: float
     nearer: float
 
 
-EVADE = Weights(gap=1.0, room=0.0, way=0.0, nearer=0.0)
-GET_FREE = Weights(gap=0.0, room=1.0, way=0.1, nearer=0.3)
+EVADE = Weights(gap=1.0, asked=0.1, room=0.0, way=0.0, nearer=0.0)
+GET_FREE = Weights(gap=0.0, asked=0.0, room=1.0, way=0.1, nearer=0.3)
 GAP, FREE, ROOM, END_X, END_Y = range(5)  # columns of what `examine_fan` finds
 
 
@@ -359,8 +362,9 @@ class VelocityArbiter:
         found[:, GAP] = predict_gaps(
             now.pose, before, self._fan, discs, limits, self._accelerations, config.horizon_s
         )
-        clear = found[:, FREE] * _ARC_S >= _CLEAR_S
-        best = self._best_of(found, EVADE, now, clear & (found[:, GAP] > stood + config.worth_m))
+        clear = (found[:, FREE] * _ARC_S >= _CLEAR_S) & (found[:, GAP] > stood + config.worth_m)
+        found[:, GAP] = np.minimum(found[:, GAP], config.comfort_m)
+        best = self._best_of(found, EVADE, now, clear, wanted)
         if best is not None:
             self._evasion = best
             self._evasion_until_ns = now.t_ns + round(config.keep_s * 1e9)
@@ -372,19 +376,26 @@ class VelocityArbiter:
             slow = np.abs(self._fan[:, 0]) <= self._recovery_mps
             gentle = np.abs(self._fan[:, 1]) <= _RECOVERY_RATE_RADPS
             found = examine_fan(self._fan, now.near_points_m, self._limits, _ARC_S)
-            self._way_out = self._best_of(found, GET_FREE, now, slow & gentle) or STILL
+            self._way_out = self._best_of(found, GET_FREE, now, slow & gentle, STILL) or STILL
             self._way_out_until_ns = now.t_ns + _WAY_OUT_KEPT_NS
         return self._way_out
 
     def _best_of(
-        self, found: FloatArray, weights: Weights, now: Situation, eligible: NDArray[np.bool_]
+        self,
+        found: FloatArray,
+        weights: Weights,
+        now: Situation,
+        eligible: NDArray[np.bool_],
+        asked: Velocity,
     ) -> Velocity | None:
         """The velocity of the fan that is worth most; None if none is eligible."""
         if not now.may_reverse:
             eligible = eligible & (self._fan[:, 0] >= 0.0)
         if not eligible.any():
             return None
-        worth = weights.room * np.minimum(found[:, ROOM], _ROOM_M)
+        off = np.abs(self._fan - np.array(asked))
+        worth = -weights.asked * (off[:, 0] + _RATE_COUNTS_M * off[:, 1])
+        worth += weights.room * np.minimum(found[:, ROOM], _ROOM_M)
         worth += weights.way * found[:, FREE] * np.abs(self._fan[:, 0]) * _ARC_S
         if weights.gap:
             worth += weights.gap * found[:, GAP]
