@@ -87,8 +87,7 @@ class Robot:
             base_from_camera: (3,) x, y, z of the depth camera in base_link, m, if there is one.
             laser_height_m: Height of the LiDAR's plane over the ground, m, for the camera's map.
         """
-        rates, vehicle, drive = config.rates, config.vehicle, config.drive
-        has_camera, period = base_from_camera is not None, rates.control_s
+        has_camera = base_from_camera is not None
         self._localiser = Localiser(config, mission.start, base_from_laser, profiler)
         self._slam = self._localiser.slam
         self._movers, self._laser = MoverTracker(), np.array(base_from_laser, np.float64)
@@ -100,6 +99,19 @@ class Robot:
         self._navigator = Navigator(
             config, mission.goal, mission.goal_tolerance_m, rng, profiler, has_camera
         )
+        self._set_up_control(config, mission, has_camera)
+        self._counts, self._sprocket_radps = StandingCounts(), np.zeros(2)
+        self._velocity, self._mode = STILL, Mode.STOP
+        self._image_ns = 0
+        # The latest scan's points (n, 2) in base_link, and base_link's pose in map at its end.
+        self._last_scan = (_NOTHING, np.zeros(3))
+        self._driven, self._may_reverse = False, True
+        self.messages: list[Message] = []
+        self._time = {name: profiler.stage(name) for name in ("slam", "tracker")}
+
+    def _set_up_control(self, config: Config, mission: Mission, has_camera: bool) -> None:
+        """Make what follows a path and what decides how much of that is driven."""
+        rates, vehicle, drive = config.rates, config.vehicle, config.drive
         self._tracker = Tracker(
             config.tracker,
             drive,
@@ -117,17 +129,9 @@ class Robot:
             config.recovery,
             Separation(config.separation, config.monitor, drive, vehicle),
             self._monitor.limits,
-            period,
+            rates.control_s,
         )
-        self._drive = Drive(drive, config.motor, config.encoder, vehicle, period)
-        self._counts, self._sprocket_radps = StandingCounts(), np.zeros(2)
-        self._velocity, self._mode = STILL, Mode.STOP
-        self._image_ns = 0
-        # The latest scan's points (n, 2) in base_link, and base_link's pose in map at its end.
-        self._last_scan = (_NOTHING, np.zeros(3))
-        self._driven, self._may_reverse = False, True
-        self.messages: list[Message] = []
-        self._time = {name: profiler.stage(name) for name in ("slam", "tracker")}
+        self._drive = Drive(drive, config.motor, config.encoder, vehicle, rates.control_s)
 
     @property
     def status(self) -> RobotStatus:

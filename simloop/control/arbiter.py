@@ -15,14 +15,24 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from simloop.config import DriveConfig, RecoveryConfig
-from simloop.control.collision_monitor import examine_arc, stoppable_part
+from simloop.control.collision_monitor import stoppable_part
+from simloop.control.fan import (
+    END_X,
+    END_Y,
+    EVADE,
+    FREE,
+    GAP,
+    GET_FREE,
+    ROOM,
+    Weights,
+    examine_fan,
+    predict_gaps,
+)
 from simloop.control.separation import (
     Separation,
     least_gap,
@@ -30,6 +40,7 @@ from simloop.control.separation import (
     safe_part,
     stays_clear,
 )
+from simloop.control.window import brake_along, is_reachable, step_towards
 from simloop.geometry.se2 import transform_points
 from simloop.messages import FloatArray, Mode, MoverTracks, Velocity
 
@@ -42,7 +53,6 @@ _CLEAR_S = 1.0  # duration for which an evasive arc must be free of what stands
 _WAY_OUT_KEPT_NS = 400_000_000
 _RATE_COUNTS_M = 0.25  # m/s that a rad/s off what is asked counts as
 _ROOM_M = 0.08  # more room than this around the robot is worth no more
-_SLACK = 1e-12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,154 +82,6 @@ class Situation:
     may_evade: bool = True
     stuck: bool = False
     towards: FloatArray | None = None
-
-
-@njit(cache=True)
-def step_towards(
-    last: FloatArray, speed: float, rate: float, window: FloatArray
-) -> tuple[float, float]:
-    """Go from the last velocity towards another one as far as one period allows.
-
-    Args:
-        last: (2,) velocity of the last period, m/s and rad/s.
-        speed: Wanted speed, m/s.
-        rate: Wanted yaw rate, rad/s.
-        window: (4,) largest change of speed in a period when speeding up and when slowing down,
-            m/s, largest change of the yaw rate and largest yaw rate, rad/s.
-
-    Returns:
-        Speed, m/s, and yaw rate, rad/s.
-    """
-    rate = min(max(rate, -window[3]), window[3])
-    most = window[0] if abs(speed) > abs(last[0]) else window[1]
-    # Through zero only by way of zero: the two halves have different limits.
-    if speed * last[0] < 0.0:
-        speed, most = 0.0, window[1]
-    forward = last[0] + min(max(speed - last[0], -most), most)
-    turning = last[1] + min(max(rate - last[1], -window[2]), window[2])
-    return forward, turning
-
-
-@njit(cache=True)
-def brake_along(last: FloatArray, window: FloatArray) -> tuple[float, float]:
-    """Brake along the arc of the last velocity as hard as one period allows.
-
-    Args:
-        last: (2,) velocity of the last period, m/s and rad/s.
-        window: (4,) as in `step_towards`.
-
-    Returns:
-        Speed, m/s, and yaw rate, rad/s: a part of the last ones.
-    """
-    part = 1.0
-    if last[0] != 0.0:
-        part = min(part, window[1] / abs(last[0]))
-    if last[1] != 0.0:
-        part = min(part, window[2] / abs(last[1]))
-    return last[0] * (1.0 - part), last[1] * (1.0 - part)
-
-
-@njit(cache=True)
-def is_reachable(last: FloatArray, speed: float, rate: float, window: FloatArray) -> bool:
-    """Say whether one period can bring the robot from the last velocity to another one.
-
-    Args:
-        last: (2,) velocity of the last period, m/s and rad/s.
-        speed: Speed, m/s.
-        rate: Yaw rate, rad/s.
-        window: (4,) as in `step_towards`.
-
-    Returns:
-        True if both changes are within the window.
-    """
-    if speed * last[0] < 0.0:
-        return False
-    most = window[0] if abs(speed) > abs(last[0]) else window[1]
-    return abs(speed - last[0]) <= most + _SLACK and abs(rate - last[1]) <= window[2] + _SLACK
-
-
-class Weights(NamedTuple):
-    """What counts when arcs are compared; all in metres of worth.
-
-    Attributes:
-        gap: Of a metre to what moves, as predicted, as far as that counts.
-        asked: Of a m/s nearer to the velocity that is asked for.
-        room: Of a metre of room to what stands, up to 8 cm.
-        way: Of a metre of free way, wherever it leads.
-        nearer: Of a metre nearer to the path's next part.
-    """
-
-    gap: float
-    asked: float
-    room: float
-    way: float
-    nearer: float
-
-
-EVADE = Weights(gap=1.0, asked=0.1, room=0.0, way=0.0, nearer=0.0)
-GET_FREE = Weights(gap=0.0, asked=0.0, room=1.0, way=0.1, nearer=0.3)
-GAP, FREE, ROOM, END_X, END_Y = range(5)  # columns of what `examine_fan` finds
-
-
-@njit(cache=True)
-def examine_fan(
-    fan: FloatArray, points: FloatArray, limits: FloatArray, duration: float
-) -> FloatArray:
-    """Examine the arcs of a fan among what stands.
-
-    Args:
-        fan: (m, 2) velocities, m/s and rad/s.
-        points: (n, 2) what stands, m, in base_link.
-        limits: (6,) as in `collision_monitor.stoppable_part`.
-        duration: Of the arcs, s.
-
-    Returns:
-        (m, 5) gap to what moves (not looked at: infinite), free part of the arc, most room on it,
-        m, and the end of its free part in base_link, m.
-    """
-    found = np.empty((fan.shape[0], 5))
-    for i in range(fan.shape[0]):
-        ahead, turned = fan[i, 0] * duration, fan[i, 1] * duration
-        free, room = examine_arc(points, ahead, turned, limits)
-        found[i, GAP], found[i, FREE], found[i, ROOM] = np.inf, free, room
-        # The chord's heading is half of the turn.
-        found[i, END_X] = free * ahead * math.cos(0.5 * free * turned)
-        found[i, END_Y] = free * ahead * math.sin(0.5 * free * turned)
-    return found
-
-
-@njit(cache=True)
-def predict_gaps(
-    pose: FloatArray,
-    last: FloatArray,
-    fan: FloatArray,
-    movers: FloatArray,
-    mover_limits: FloatArray,
-    window: FloatArray,
-    horizon: float,
-) -> FloatArray:
-    """Predict how near what moves comes to a robot that goes over to each velocity of a fan.
-
-    Args:
-        pose: (3,) of base_link in map, m, m, rad.
-        last: (2,) velocity of the last period, m/s and rad/s.
-        fan: (m, 2) velocities, m/s and rad/s.
-        movers: (k, 7) as in `separation.mover_discs`.
-        mover_limits: (7,) as in `separation.stays_clear`.
-        window: (2,) accelerations, m/s^2 and rad/s^2.
-        horizon: How far ahead to predict, s.
-
-    Returns:
-        (m,) least gaps, m; -inf for a velocity from which the robot could not stop in time.
-    """
-    gaps = np.empty(fan.shape[0])
-    half = mover_limits[3:5]
-    for i in range(fan.shape[0]):
-        if stays_clear(pose, fan[i, 0], fan[i, 1], movers, mover_limits):
-            gaps[i] = least_gap(pose, last, fan[i], window, movers, half, horizon)
-        else:
-            gaps[i] = -np.inf
-    return gaps
 
 
 class VelocityArbiter:

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from simloop.evaluation.health_account import health_account
-from simloop.messages import Health
+from simloop.messages import Health, HealthReason, HealthState
 
+A, B = HealthReason.GYRO, HealthReason.MISFIT
 T_NS = np.arange(1, 101) * 10_000_000
 
 
@@ -28,19 +29,19 @@ def test_no_report_is_ok_all_the_time():
 
 def test_each_state_and_reason_lasts_until_the_next_report():
     reports = [
-        Health(T_NS[19], "degraded", ("a", "b"), False),
-        Health(T_NS[59], "lost", ("b",), True),
-        Health(T_NS[89], "ok", (), False),
+        Health(T_NS[19], HealthState.DEGRADED, (A, B), False),
+        Health(T_NS[59], HealthState.LOST, (B,), True),
+        Health(T_NS[89], HealthState.OK, (), False),
     ]
     found = account(reports)
     seconds = found["ok_s"], found["degraded_s"], found["lost_s"]
     assert seconds == pytest.approx((0.19 + 0.11, 0.4, 0.3))
-    assert found["reasons_s"] == pytest.approx({"a": 0.4, "b": 0.7})
+    assert found["reasons_s"] == pytest.approx({A.value: 0.4, B.value: 0.7})
     assert found["final"] == "ok"
 
 
 def test_a_wrong_pose_counts_while_the_robot_moves_and_reports_ok():
     assert account([], wrong_from=40)["unsaid_s"] == pytest.approx(0.6)
     assert account([], wrong_from=40, moves=False)["unsaid_s"] == 0.0
-    warned = [Health(T_NS[69], "degraded", ("a",), False)]
+    warned = [Health(T_NS[69], HealthState.DEGRADED, (A,), False)]
     assert account(warned, wrong_from=40)["unsaid_s"] == pytest.approx(0.29)
