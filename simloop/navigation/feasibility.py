@@ -1,6 +1,6 @@
-"""Whether what is known of the world leaves any way to the goal at all.
+"""Feasibility: whether the goal can be reached at all, and whether the path ahead is still free.
 
-Unknown is free here too, so a goal is given up only where known surfaces close it off from all
+Unknown space counts as free. So a goal is given up only where known surfaces close it off from all
 sides, or stand on it.
 """
 
@@ -14,15 +14,27 @@ from scipy import ndimage
 
 from simloop.messages import FloatArray, WorldView
 
-_TIMES = 3  # that the same must be found
-_FOR_NS = 3_000_000_000  # and for how long, so that what passes by closes nothing off
+_TIMES = 3  # plans in a row that must find the goal closed off
+_FOR_NS = 3_000_000_000  # time that they must span, so that what passes by closes nothing off
 
 
 def is_closed_off(
     view: WorldView, place: FloatArray, goal: FloatArray, tolerance_m: float, half_width_m: float
 ) -> bool:
-    """Whether a disc of ``half_width_m`` cannot get from ``place`` (2+) to within ``tolerance_m``
-    of ``goal`` (2,), through free and unknown cells, in the view and about it."""
+    """Say whether known obstacles separate a place from the goal.
+
+    A disc moves through free and unknown cells, in the view and about it.
+
+    Args:
+        view: What is known of the world.
+        place: (2+,) where the robot is, in map, m.
+        goal: (2,) in map, m.
+        tolerance_m: How near to the goal is near enough, m.
+        half_width_m: Radius of the disc, m.
+
+    Returns:
+        True if there is no way.
+    """
     rows, cols = view.distance_m.shape
     if rows == 0 or cols == 0:
         return False
@@ -47,7 +59,7 @@ def _within(view: WorldView, place: FloatArray, radius_m: float) -> np.ndarray:
     return np.asarray(square <= max(radius_m**2, float(square.min())))
 
 
-class Reachability:
+class Feasibility:
     """Counts how often, and for how long, the goal has been found closed off."""
 
     def __init__(self, tolerance_m: float, width_m: float) -> None:
@@ -55,8 +67,18 @@ class Reachability:
         self._count, self._since_ns = 0, 0
         self.hopeless = False
 
-    def look(self, view: WorldView, place: FloatArray, goal: FloatArray, safe: bool) -> bool:
-        """Take a plan's view; True when from now on the goal is given up. safe: of the plan."""
+    def update(self, view: WorldView, place: FloatArray, goal: FloatArray, safe: bool) -> bool:
+        """Take the view of a plan.
+
+        Args:
+            view: What is known of the world.
+            place: (2+,) where the robot is, in map, m.
+            goal: (2,) in map, m.
+            safe: Whether the plan is safe.
+
+        Returns:
+            True if from now on the goal is given up.
+        """
         closed = not safe and is_closed_off(
             view, place, goal, self._tolerance_m, self._half_width_m
         )
@@ -78,12 +100,26 @@ def stands_in_the_way(
     limit: float,
     slack: float,
 ) -> bool:
-    """Whether a surface (k, 2), in map, comes too near to the footprint's discs along a path.
+    """Say whether something new in the map comes too near to the path ahead.
 
-    xy (n, 2), yaw (n,), clearance (n,), m, of the path's samples as planned; those from ``first``
-    on count. offsets: of the discs' centres along the heading, m. Too near is less than ``limit``
-    and less than was planned by more than ``slack``, m.
+    Each scan makes a handful of cells occupied. Asking how near these come to the path is some
+    thousand times cheaper than a new distance field of the whole map, and misses nothing: an
+    obstacle that was not in the planner's view is in a cell that became occupied after it.
+
+    Args:
+        surfaces: (k, 2) what is new, in map, m.
+        xy: (n, 2) the path's samples, in map, m.
+        yaw: (n,) their headings, rad.
+        clearance: (n,) their clearances as planned, m.
+        first: The first sample that counts.
+        offsets: (d,) centres of the footprint's discs along the heading, m.
+        limit: Distance from a disc's centre that is too near, m.
+        slack: How much less than planned a clearance must be to count, m.
+
+    Returns:
+        True if the path is blocked.
     """
+    # No disc's centre is farther than this from its sample: most samples are ruled out by it.
     reach = 0.0
     for d in range(offsets.shape[0]):
         reach = max(reach, abs(offsets[d]))

@@ -27,10 +27,10 @@ from simloop.messages import (
     WorldView,
 )
 from simloop.navigation.bezier_smoother import Smoother
-from simloop.navigation.feasibility import Reachability, stands_in_the_way
+from simloop.navigation.feasibility import Feasibility, stands_in_the_way
 from simloop.navigation.gap_choice import GapChooser
-from simloop.navigation.moving_goal import Pursuit
-from simloop.navigation.planner_world import foresee, opened
+from simloop.navigation.moving_goal import MovingGoal
+from simloop.navigation.planner_world import add_predicted_movers, with_free_rim
 
 _BLOCKED_SLACK_M = 0.02  # the map's grain: a path is blocked only when it clearly is
 _HOPELESS_NS = 500_000_000  # between replans for a blockage that the last plan could not avoid
@@ -119,10 +119,10 @@ class Navigator:
         if has_camera:
             config = _with_camera(config)
         self._config = config
-        self._goal = Pursuit(goal)
+        self._goal = MovingGoal(goal)
         self._planner = GapChooser(config, rng)
         self._smoother = Smoother(config.smoother, config.vehicle)
-        self._reach = Reachability(goal_tolerance_m, config.vehicle.width_m)
+        self._feasibility = Feasibility(goal_tolerance_m, config.vehicle.width_m)
         self._pace_mps = config.drive.max_speed_mps
         self._plan_ns = round(config.rates.plan_s * 1e9)
         self._offsets = np.array(config.vehicle.footprint_offsets_m)
@@ -136,7 +136,7 @@ class Navigator:
     @property
     def goal_is_closed_off(self) -> bool:
         """Whether the robot takes its goal for unreachable."""
-        return self._reach.hopeless
+        return self._feasibility.hopeless
 
     @property
     def goal_moves(self) -> bool:
@@ -149,7 +149,7 @@ class Navigator:
         Args:
             reading: Where it is.
         """
-        self._goal.hear(reading)
+        self._goal.update(reading)
 
     def goal_at(self, t_ns: int) -> FloatArray:
         """Say where the goal is at an instant.
@@ -160,7 +160,7 @@ class Navigator:
         Returns:
             (2,) in map, m.
         """
-        return self._goal.place(t_ns)
+        return self._goal.position_at(t_ns)
 
     def note_surfaces(self, surfaces_m: FloatArray) -> None:
         """Take what is new in the map, to be checked against the path.
@@ -249,7 +249,7 @@ class Navigator:
             return PlanReason.BLOCKED
         if now.new_scan and self._is_near_movers(estimate, now.movers):
             return PlanReason.MOVER
-        if now.new_scan and self._goal.strays(estimate.t_ns, estimate.pose, self._pace_mps):
+        if now.new_scan and self._goal.is_out_of_date(estimate.t_ns, estimate.pose, self._pace_mps):
             return PlanReason.GOAL
         if progress.path is None:
             return PlanReason.RECOVERED
@@ -290,11 +290,11 @@ class Navigator:
         pose, t_ns, spent = estimate.pose, estimate.t_ns, 0
         for standing in now.standing_m:
             with self._time["slam"]:
-                still = now.view(self._goal.place(t_ns), standing)
+                still = now.view(self._goal.position_at(t_ns), standing)
             with self._time["planner"]:
                 room = self._config.planner.safe_distance_m
                 goal = self._goal.aim(still, pose, self._pace_mps, room)
-                view = foresee(still, now.movers, pose, self._pace_mps)
+                view = add_predicted_movers(still, now.movers, pose, self._pace_mps)
                 plan, view = self._find_way(view, pose, goal, reason)
             spent += plan.evaluations
             if plan.safe:
@@ -305,7 +305,7 @@ class Navigator:
         self.messages += [plan, view]
         # What moves may close a way off, and clears it again.
         stands_still = now.movers is None
-        if stands_still and self._reach.look(still, pose, goal, plan.safe):
+        if stands_still and self._feasibility.update(still, pose, goal, plan.safe):
             text = "the goal cannot be reached: what is known closes it off"
             self.messages.append(Event(t_ns, "warning", text))
         if not plan.safe:
@@ -319,7 +319,7 @@ class Navigator:
         plan = self._planner.plan(view, pose, goal, self._plan, reason)
         if plan.safe or view.movers is not None:  # what moves clears the way again
             return plan, view
-        wider = opened(view)
+        wider = with_free_rim(view)
         other = self._planner.plan(wider, pose, goal, self._plan, reason)
         spent = plan.evaluations + other.evaluations
         if other.safe:

@@ -1,10 +1,10 @@
-"""Where what moves will be by the time that the robot gets there, as a planner's obstacles.
+"""The planner's world: the map's view with what moves in it, and with free space about it.
 
-A robot that sets out at its cruising speed is, t seconds later, on a circle of v t about its start.
-A mover is in its way where its own course crosses that circle: earlier the robot is not there yet,
-later it has gone by. So each mover stands in the planner's world where it will be about then, and
-every planner that keeps clear of obstacles keeps clear of it in time as well. (The time-space view
-of moving obstacles is Fujimura & Samet's, 1989; the circle keeps it in the plane.)
+A robot that sets out at its cruising speed is, t seconds later, on a circle of radius v t about its
+start. A mover is in its way where the mover's course crosses that circle: earlier the robot is not
+there yet, later it has gone by. So each mover stands in the planner's world where it will be about
+then, and every planner that keeps clear of obstacles keeps clear of it in time as well. (The
+time-space view of moving obstacles is Fujimura & Samet's, 1989; the circle keeps it in the plane.)
 """
 
 from __future__ import annotations
@@ -22,17 +22,26 @@ RIM_M = 0.8
 """Wide enough for a way around whatever stands at the edge of the grid."""
 
 
-_FORESEEN_S = 4.0  # beyond, a mover has most likely thought better of it
-_BEFORE_S, _AFTER_S = 0.3, 0.7  # about the meeting: the robot may turn out slower than it thinks
-_STEP_M = 0.05
-_GROWS_MPS = 0.05
+_HORIZON_S = 4.0  # predictions further ahead are mostly wrong
+_BEFORE_S, _AFTER_S = 0.3, 0.7  # about the meeting: the robot may be slower than it expects
+_STEP_M = 0.05  # between the discs that stand for one mover
+_GROWS_MPS = 0.05  # of these discs with the time ahead
 
 
 def meeting_time(
     place: FloatArray, velocity: FloatArray, start: FloatArray, speed_mps: float
 ) -> float | None:
-    """s until a mover at ``place`` (2,) with ``velocity`` (2,) is as far from ``start`` (2+) as a
-    robot has come that left it at ``speed_mps``; None if never."""
+    """Compute when a mover and the robot have come equally far from the robot's start.
+
+    Args:
+        place: (2,) of the mover, in map, m.
+        velocity: (2,) of the mover, in map, m/s.
+        start: (2+,) of the robot, in map, m.
+        speed_mps: Of the robot, m/s.
+
+    Returns:
+        Seconds from now; None if never.
+    """
     x, y = place[0] - start[0], place[1] - start[1]
     vx, vy = float(velocity[0]), float(velocity[1])
     # |p + v t| = s t: (v.v - s.s) t^2 + 2 p.v t + p.p = 0, the first root from now on.
@@ -46,10 +55,20 @@ def meeting_time(
     return next((t for t in roots if t >= 0.0), None)
 
 
-def foresee(
+def add_predicted_movers(
     view: WorldView, tracks: MoverTracks | None, start: FloatArray, speed_mps: float
 ) -> WorldView:
-    """The view with what moves in it, seen by a robot that leaves ``start`` (3,) at a speed."""
+    """Put what moves into a view where the robot would meet it.
+
+    Args:
+        view: The map's view.
+        tracks: What moves; None if nothing is known to.
+        start: (3,) pose of the robot, in map, m, m, rad.
+        speed_mps: Its cruising speed, m/s.
+
+    Returns:
+        The view with the movers as discs, in its distance field too; the same view without any.
+    """
     if tracks is None or view.distance_m.size == 0:
         return view
     discs: list[tuple[float, float, float]] = []
@@ -57,7 +76,7 @@ def foresee(
         tracks.places_at(view.t_ns), tracks.velocity_mps, tracks.radius_m, strict=True
     ):
         when = meeting_time(here, velocity, start, speed_mps)
-        if when is None or when > _FORESEEN_S:
+        if when is None or when > _HORIZON_S:
             continue
         first, last = max(0.0, when - _BEFORE_S), when + _AFTER_S
         count = 1 + math.ceil(math.hypot(*velocity) * (last - first) / _STEP_M)
@@ -81,9 +100,14 @@ def foresee(
 def put_discs(
     distance: NDArray[np.float32], x0: float, y0: float, resolution: float, discs: FloatArray
 ) -> None:
-    """Lower distances (rows, cols) at cells' centres to those from discs (n, 3), in place.
+    """Lower the distances of a field to those from discs, in place.
 
-    (x0, y0): the first cell's lower left corner, m.
+    Args:
+        distance: (rows, cols) distances at the cells' centres, m.
+        x0: Lower left corner of cell (0, 0) in map, m.
+        y0: The same in y, m.
+        resolution: Size of a cell, m.
+        discs: (n, 3) x, y, radius in map, m.
     """
     for row in range(distance.shape[0]):
         y = y0 + (row + 0.5) * resolution
@@ -96,11 +120,21 @@ def put_discs(
                     distance[row, col] = max(0.0, math.sqrt(dx * dx + dy * dy) - discs[k, 2])
 
 
-def opened(view: WorldView) -> WorldView:
-    """The view with ``RIM_M`` of free space about its grid.
+def with_free_rim(view: WorldView) -> WorldView:
+    """Surround a view's grid with ``RIM_M`` of free space.
 
-    No obstacle lies outside, and the grid is convex: a place ``a`` m from its nearest cell, which
-    is ``d`` m from an obstacle, is at least hypot(a, d) from all of them.
+    Planners take the distances beyond the grid to be those of its nearest cell, so that a wall at
+    the edge of what has been seen stands, for them, all the way out. Mostly that is right: what
+    shines through behind the walls of a room is no way. Where it leaves no other, it may be one.
+
+    No obstacle lies outside, and the grid is convex: a place a metres from its nearest cell, which
+    is d metres from an obstacle, is at least hypot(a, d) from all of them.
+
+    Args:
+        view: The map's view.
+
+    Returns:
+        The wider view; the same view if it has no distance field.
     """
     if not view.distance_m.size:
         return view

@@ -21,8 +21,8 @@ from simloop.control.separation import (
     stays_clear,
 )
 from simloop.messages import GoalReading, Mode, MoverTracks, Velocity, WorldView
-from simloop.navigation.moving_goal import Pursuit
-from simloop.navigation.planner_world import foresee, meeting_time, put_discs
+from simloop.navigation.moving_goal import MovingGoal
+from simloop.navigation.planner_world import add_predicted_movers, meeting_time, put_discs
 
 LIMITS = np.array([0.15, 1.0, 6.0, 0.245, 0.2325, 0.06, 0.1])
 HALF = LIMITS[3:5]
@@ -73,7 +73,7 @@ def test_discs_are_put_into_the_field_exactly():
 def test_a_mover_stands_in_the_planners_world_where_it_will_be_met():
     view = view_of(np.full((80, 80), 9.0, np.float32))
     crossing = tracks_of((1.0, -1.0, 0.0, 0.4, 0.2))
-    seen = foresee(view, crossing, np.zeros(3), 0.4)
+    seen = add_predicted_movers(view, crossing, np.zeros(3), 0.4)
     row, column = np.unravel_index(int(seen.distance_m.argmin()), seen.distance_m.shape)
     x, y = -2.0 + 0.05 * (column + 0.5), -2.0 + 0.05 * (row + 0.5)
     assert seen.movers is crossing
@@ -83,8 +83,8 @@ def test_a_mover_stands_in_the_planners_world_where_it_will_be_met():
     nearest = seen.distance_m[40, 60]
     assert nearest == pytest.approx(0.0, abs=0.05)
     assert seen.distance_m[20, 60] > 0.4  # where it is now it will not be
-    assert foresee(view, None, np.zeros(3), 0.4) is view
-    going = foresee(view, tracks_of((1.0, 0.0, 0.5, 0.0, 0.2)), np.zeros(3), 0.4)
+    assert add_predicted_movers(view, None, np.zeros(3), 0.4) is view
+    going = add_predicted_movers(view, tracks_of((1.0, 0.0, 0.5, 0.0, 0.2)), np.zeros(3), 0.4)
     assert np.array_equal(going.distance_m, view.distance_m)
 
 
@@ -185,17 +185,17 @@ def test_beside_what_has_just_stopped_it_stands_a_while_but_not_for_ever():
 
 
 def test_a_goal_is_met_where_it_will_be():
-    pursuit, pose = Pursuit(np.array([2.0, 0.0])), np.zeros(3)
+    pursuit, pose = MovingGoal(np.array([2.0, 0.0])), np.zeros(3)
     view = view_of(np.full((80, 80), 9.0, np.float32))
     assert not pursuit.moves
     assert pursuit.aim(view, pose, 0.45, 0.26) == pytest.approx([2.0, 0.0])
-    assert not pursuit.strays(10**9, pose, 0.45)
+    assert not pursuit.is_out_of_date(10**9, pose, 0.45)
     for k in range(1, 41):
-        pursuit.hear(GoalReading(k * SCAN_NS, np.array([1.0, 0.02 * k - 0.8])))
+        pursuit.update(GoalReading(k * SCAN_NS, np.array([1.0, 0.02 * k - 0.8])))
     now = replace(view, t_ns=40 * SCAN_NS)
     aim = pursuit.aim(now, pose, 0.45, 0.26)
     when = meeting_time(np.array([1.0, 0.0]), np.array([0.0, 0.2]), pose, 0.8 * 0.45)
     assert aim == pytest.approx([1.0, 0.2 * min(when, 3.0)], abs=0.02)
     walled = replace(now, distance_m=np.zeros((80, 80), np.float32))
     assert pursuit.aim(walled, pose, 0.45, 0.26) == pytest.approx([1.0, 0.0], abs=0.03)
-    assert pursuit.strays(45 * SCAN_NS, pose, 0.45)
+    assert pursuit.is_out_of_date(45 * SCAN_NS, pose, 0.45)

@@ -9,7 +9,7 @@ from scipy import ndimage
 from simloop.common.errors import InputError
 from simloop.loop import Simulation
 from simloop.messages import Event, WorldView
-from simloop.navigation.feasibility import Reachability, is_closed_off
+from simloop.navigation.feasibility import Feasibility, is_closed_off
 from simloop.scenario.build import build_world
 from simloop.scenario.load import load
 
@@ -73,9 +73,9 @@ def test_unknown_and_outside_are_ways_and_a_goal_under_something_has_none():
 
 def test_it_takes_three_looks_and_three_seconds():
     def looks(*times_s, closed=None):
-        reach = Reachability(0.1, 0.465)
+        reach = Feasibility(0.1, 0.465)
         return [
-            reach.look(view_of(ring(0 if shut else 14), round(1e9 * t)), PLACE, GOAL, False)
+            reach.update(view_of(ring(0 if shut else 14), round(1e9 * t)), PLACE, GOAL, False)
             for t, shut in zip(times_s, closed or [True] * len(times_s), strict=True)
         ]
 

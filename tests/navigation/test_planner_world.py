@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from simloop.config import Config, PlannerConfig, VehicleConfig
 from simloop.messages import WorldView
-from simloop.navigation.planner_world import RIM_M, opened
+from simloop.navigation.planner_world import RIM_M, with_free_rim
 from simloop.planners.protocol import PlanningTask
 from simloop.planners.registry import make_planner
 
@@ -31,7 +31,7 @@ def test_the_rim_is_never_farther_from_a_surface_than_said_and_the_inside_stays(
     rng = np.random.default_rng(seed)
     points = rng.uniform(-0.95, 0.95, (rng.integers(1, 6), 2))
     view = view_of([(*p, 0.0) for p in points], size=2.0)
-    wide = opened(view)
+    wide = with_free_rim(view)
     rim = round(RIM_M / view.resolution_m)
     np.testing.assert_array_equal(wide.distance_m[rim:-rim, rim:-rim], view.distance_m)
     away = np.linalg.norm(cells_of(wide)[..., None, :] - points, axis=-1).min(axis=-1)
@@ -44,7 +44,7 @@ def test_the_rim_is_never_farther_from_a_surface_than_said_and_the_inside_stays(
 def test_a_map_without_cells_stays_as_it_is():
     none = np.zeros(2)
     empty = WorldView(0, none, 0.05, np.empty((0, 0), np.float32), np.empty((0, 3)), np.zeros(4))
-    assert opened(empty) is empty
+    assert with_free_rim(empty) is empty
 
 
 def test_behind_a_wall_at_the_edge_of_the_map_there_is_a_way():
@@ -62,7 +62,7 @@ def test_behind_a_wall_at_the_edge_of_the_map_there_is_a_way():
         return planner.plan(task, np.random.default_rng(0))
 
     assert not plan_in(view).safe
-    found = plan_in(opened(view))
+    found = plan_in(with_free_rim(view))
     assert found.safe
     assert np.abs(found.waypoints_m[:, 1]).max() > 1.4  # and it is not through the wall
     assert Config().planner.safe_distance_m < RIM_M
