@@ -10,8 +10,8 @@ from functools import cache
 
 import numpy as np
 import pytest
+from helpers.standard_functions import StandardFunction
 from scipy.stats import ks_2samp
-from tests.standard_functions import StandardFunction
 
 from simloop.planners import registry
 from simloop.planners.metaheuristics import rule_tlbo
