@@ -247,12 +247,9 @@ class MoverTracks(BaseMessage):
 class WorldView(BaseMessage):
     """What a planner may know of the world, all of it from the robot's own map.
 
-    What lies outside the grid is unknown, and each user says how it reads it. The planners, the
-    smoother and the elastic band take the distance of the nearest place inside ("edge" in
-    `simloop.geometry.distance_field`): a wall that reaches the border goes on outside.
-    `navigation.planner_world.opened` adds free space about the grid where that leaves no way.
-    The check whether a goal can be reached at all (`navigation.feasibility`) takes it for free.
-    Unknown cells inside the grid are free for all.
+    Unknown cells inside the grid are free. Outside the grid planners and smoother take the
+    distance of the nearest place inside ("edge", `geometry.distance_field`): a wall that reaches
+    the border goes on. Only `navigation.feasibility` takes the outside for free.
 
     Attributes:
         t_ns: Simulated time, ns.
@@ -287,18 +284,15 @@ class Plan(BaseMessage):
             the start and, where clearance is lacking, its penalty.
         length_m: Length, m.
         turning_rad: Sum of the turns at the inner waypoints, rad.
-        safe: Whether the polyline keeps ``safe_distance_m`` all along (near a start that is too
-            close to something, as much of it as the start allows).
+        safe: Whether the polyline keeps ``safe_distance_m`` all along, or what its start allows.
         evaluations: How many paths and single segments were tried.
         generations: How many generations a population went through.
         planner: Name of the planner.
         reason: Why the plan was asked for.
         candidates_m: Some paths (., 2) of the final population, to look at.
-        history: (H, 2) evaluations and the best J from then on, one row for each gain; empty if
-            the planner keeps none.
+        history: (H, 2) evaluations and the best J from then on, if the planner keeps them.
         safe_distance_m: Distance from obstacles that the plan was asked to keep, m.
-        start_turn_cost: What the turn from the robot's heading to the first segment adds to
-            ``cost``.
+        start_turn_cost: What the turn from the robot's heading to the first segment adds to J.
     """
 
     t_ns: int
@@ -333,8 +327,7 @@ class SmoothPath(BaseMessage):
         yaw_rad: (K,) headings, unwrapped, rad.
         curvature_1pm: (K,) signed curvature, left positive, 1/m.
         arc_m: (K,) length from the start, m.
-        clearance_m: (K,) least distance from any of the footprint's disc centres to an obstacle,
-            m.
+        clearance_m: (K,) least distance from the footprint's disc centres to an obstacle, m.
         safe: Whether the footprint's discs keep the plan's safe distance at every sample, to
             1 mm. Near a start that is too close to something less is asked for, as of the plan.
     """
