@@ -58,7 +58,7 @@ class Tuning(NamedTuple):
         budget: Most trials.
         nodes: About how many nodes the lattice of the route search has.
         rivals: How many routes at most get a class.
-        rival_margin: How much dearer than the best a rival may be, as a share.
+        rival_margin: How much costlier than the best a rival may be, as a share.
         splits: How often bends are split, see `refine`.
         least_turn: Turn below which a bend is not split, rad.
     """
@@ -137,16 +137,19 @@ def _gather(p: Problem, nodes: int, warm: int, solid: bool, b: Buffers) -> int:
     found = find_routes(
         p, nodes, _SWEEPS, b.routes[:most], b.counts[:most], b.costs[:most], b.stack, solid
     )
+    # The best mixture of the routes.
     m = recombine(p, b.routes, b.counts, found, np.inf, b.routes[found], b.stack)
     if m > 0:
         b.counts[found], b.costs[found] = settle(p, b.routes[found], m, _SWEEPS, b.scratch, b.stack)
         found += 1
+    # The straight line, if it is clear.
     line = b.routes[found]
     line[0, 0], line[0, 1] = p.start_x, p.start_y
     line[1, 0], line[1, 1] = p.goal_x, p.goal_y
     b.counts[found], b.costs[found] = 2, evaluate(p, line, 2, np.inf, b.stack)
     if intrusion(p, line, 2, np.inf, b.stack) == 0.0:
         found += 1
+    # The old way, with a bonus.
     if warm > 0:
         copy_path(b.best, warm, b.routes[found])
         m, cost = settle(p, b.routes[found], warm, _SWEEPS, b.scratch, b.stack)

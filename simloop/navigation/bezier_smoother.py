@@ -132,12 +132,14 @@ def fit_corners(
     for i in range(1, n - 1):
         before = math.hypot(points[i, 0] - points[i - 1, 0], points[i, 1] - points[i - 1, 1])
         after = math.hypot(points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1])
+        # What the sides leave: the next corner needs its half of the side between them.
         room = before - cuts[i - 1]
         room = min(room, after if i == n - 2 else 0.5 * after)
         turn = math.atan2(points[i + 1, 1] - points[i, 1], points[i + 1, 0] - points[i, 0])
         turn -= math.atan2(points[i, 1] - points[i - 1, 1], points[i, 0] - points[i - 1, 0])
         if abs(wrap_angle(turn)) < _STRAIGHT_RAD:
             continue
+        # Shrink the deepest cut until the footprint keeps its clearance along the curve.
         cut = min(most, room)
         while cut > least:
             controls = corner_controls(points[i - 1], points[i], points[i + 1], cut)
@@ -170,6 +172,7 @@ def sample_path(points: FloatArray, cuts: FloatArray, spacing: float) -> FloatAr
         if size < 1e-9:
             continue
         heading = math.atan2(step[1], step[0])
+        # The straight part up to where the corner is cut.
         end = points[i] - step * (cuts[i] / size)
         run = math.hypot(end[0] - at[0], end[1] - at[1])
         count = math.ceil(run / spacing) if run > 1e-9 else 0  # two cuts may meet
@@ -179,6 +182,7 @@ def sample_path(points: FloatArray, cuts: FloatArray, spacing: float) -> FloatAr
             rows.append(np.array([here[0], here[1], heading, 0.0]))
         at = end
         if cuts[i] > 0.0:
+            # The two cubics of the corner.
             controls = corner_controls(points[i - 1], points[i], points[i + 1], cuts[i])
             count = max(4, math.ceil(cuts[i] / spacing))
             for half in range(2):

@@ -17,11 +17,11 @@ from simloop.geometry.distance_field import Field, footprint_clearance
 from simloop.geometry.se2 import wrap_angle
 from simloop.messages import FloatArray
 
-_STEP_M = 0.04  # between the places where a leg is looked at
+_STEP_M = 0.04  # between the places where a leg is sampled
 _LONG_LEG_M = 0.3  # a leg longer than this that passes something gets a waypoint there
-_TURN_M = 0.54  # m that a radian of turning is worth: the planner's w2 / w1
-_NEAR = 0.5  # what a metre at the safety distance costs over one at the preferred distance
-_TOO_NEAR = 60.0  # and for each metre of clearance that lacks to the safety distance
+_TURN_M = 0.54  # what a radian of turning costs, m: w2 / w1 of the planner
+_NEAR = 0.5  # price of a metre at the safe distance, over one at the preferred distance
+_TOO_NEAR = 60.0  # price of each metre of clearance below the safe distance
 _STEPS_M = (0.03, 0.015, 0.0075)
 _SWEEPS = 2
 
@@ -37,7 +37,7 @@ def leg_cost(
         b: (2,) where it ends, m.
         field: The distance field.
         offsets: (n,) where the footprint's discs lie along the heading, m.
-        safe: Clearance below which a place is very dear, m.
+        safe: Clearance below which a place is very costly, m.
         preferred: Clearance from which on a place costs nothing, m.
 
     Returns:
@@ -126,6 +126,7 @@ def make_room(
     for step in _STEPS_M:
         for _ in range(_SWEEPS):
             for i in range(1, band.shape[0] - 1):
+                # Try eight places about the waypoint and take the best.
                 x, y = band[i, 0], band[i, 1]
                 best_x, best_y = x, y
                 best = _cost_about(band, i, field, offsets, safe, preferred)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.standard_functions import NAMES, StandardFunction
+from helpers.standard_functions import NAMES, StandardFunction
 
 from simloop.benchmarks.planners.scenes import scene
 from simloop.config import PlannerConfig, VehicleConfig

@@ -228,7 +228,7 @@ def _examined_costs(
         m = decode(p, coding, x[k], path)
         length, turning = length_and_turning(path, m)
         out[k] = p.length_weight * length + p.turning_weight * turning
-        if out[k] <= bounds[k]:  # else length and turning alone already lose
+        if out[k] <= bounds[k]:  # otherwise length and turning alone exceed the bound
             out[k] += p.penalty * examined_penalty(p, path, m, examined)
 
 

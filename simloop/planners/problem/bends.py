@@ -277,7 +277,7 @@ def settle(
 ) -> tuple[int, float]:
     """Tighten a path up to ``sweeps`` times and keep the version that costs least with split bends.
 
-    A shorter path may turn more, or slip past an obstacle to a dearer side, so the last one need
+    A shorter path may turn more, or slip past an obstacle to a costlier side, so the last one need
     not be the best.
 
     Args:

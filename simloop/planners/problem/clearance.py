@@ -58,11 +58,13 @@ def _walk_cells(
     t = first
     allowed = allowance(p, ax + ux * t, ay + uy * t)
     while True:
+        # The cell that the walk enters at t, and how far it stays in it.
         u = (ax + ux * t - p.field_x) * p.per_m
         v = (ay + uy * t - p.field_y) * p.per_m
         i, u_step, u_exit = cell_at(u, du, cols)
         j, v_step, v_exit = cell_at(v, dv, rows)
         step = min(last - t, u_exit, v_exit)
+        # The bilinear field along the walk: c0 + c1 s + c2 s^2 from here on.
         i1 = min(i + 1, cols - 1)
         j1 = min(j + 1, rows - 1)
         a = min(max(u - i, 0.0), 1.0)
@@ -75,10 +77,11 @@ def _walk_cells(
         c1 = along_u * u_step + along_v * v_step + twist * (a * v_step + b * u_step)
         c2 = twist * u_step * v_step
         t += step
-        # The allowance is all but straight within a cell: it joins the parabola.
+        # The allowance is almost linear within a cell, so it is added to the parabola.
         allowed_next = allowance(p, ax + ux * t, ay + uy * t)
         c0 += allowed
         c1 += (allowed_next - allowed) / step if step > 0.0 else 0.0
+        # The least value lies at an end, or at the vertex if that is inside.
         low = min(c0, c0 + step * (c1 + step * c2))
         if c2 > 0.0 and 0.0 < -c1 < 2.0 * c2 * step:
             low = c0 - 0.25 * c1 * c1 / c2
@@ -125,10 +128,12 @@ def _field_clearance(
                 worst = min(worst, _walk_cells(p, ax, ay, ux, uy, t, end))
             if top == 0 or worst < floor:
                 return worst
+            # This piece is settled: go on with the next one that waits.
             top -= 1
             t, fa, ga = end, fb, gb
             end, fb, gb = stack[top, 0], stack[top, 1], stack[top, 2]
         else:
+            # Not settled: halve it and let the farther half wait.
             stack[top, 0], stack[top, 1], stack[top, 2] = end, fb, gb
             top += 1
             end = 0.5 * (t + end)
@@ -157,7 +162,7 @@ def _disc_clearance(p: Problem, ax: float, ay: float, bx: float, by: float) -> f
         ey = oy - t * dy
         apart = ex * ex + ey * ey
         reach = discs[2, k] + safe
-        if apart < reach * reach:  # rare, so that the root is, too
+        if apart < reach * reach:  # rare, and so is the root
             clearance = min(clearance, math.sqrt(apart) - discs[2, k])
     if p.corners.size > 0:
         clearance = polygon_clearance(p.corners, ax, ay, bx, by, clearance)
@@ -182,6 +187,7 @@ def _disc_clearance_near_start(p: Problem, ax: float, ay: float, bx: float, by: 
     last = min(length, along + half)
     if length <= NO_LENGTH_M or across >= radius * radius or first >= last:
         return _disc_clearance(p, ax, ay, bx, by)
+    # Outside the circle in which something is allowed the segment is judged in one piece each.
     ux = (bx - ax) / length
     uy = (by - ay) / length
     worst = p.safe_m

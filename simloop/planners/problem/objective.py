@@ -25,7 +25,7 @@ LEAST_INTRUSION_M = 0.01
 """What the slightest lack of clearance counts on top of its depth, m: safe beats nearly safe."""
 THROUGH_SHARE, THROUGH_M = 0.2, 3.0
 """With less than this share of the safe distance a segment leads through something, which counts
-so many metres more: no way back out of a dead end is as dear."""
+so many metres more: no way back out of a dead end is as costly."""
 
 
 @njit(cache=True, forceinline=True)
@@ -114,7 +114,7 @@ def intrusion(p: Problem, path: FloatArray, m: int, enough: float, stack: FloatA
 def evaluate(p: Problem, path: FloatArray, m: int, bound: float, stack: FloatArray) -> float:
     """Return J of a path. Counts as a trial.
 
-    The obstacle term is the dear one. It is left out where length and turning alone exceed the
+    The obstacle term is the costly one. It is left out where length and turning alone exceed the
     bound.
 
     Args:

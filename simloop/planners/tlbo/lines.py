@@ -237,6 +237,7 @@ def encode(p: Problem, path: FloatArray, m: int, lines: Lines, stack: FloatArray
         x, y = a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1])
         slack = relaxed_clearance(p, x, y) - p.safe_m
         before, after = lines.turn[i], lines.turn[i + 1]
+        # What it may swing and shift, by what its contact leaves it.
         swing, offset = 0.0, 0.0
         if lack > 0.0:
             swing, offset = _MOST_SWING_RAD, min(lack, _MOST_SHIFT_M)
@@ -244,6 +245,7 @@ def encode(p: Problem, path: FloatArray, m: int, lines: Lines, stack: FloatArray
             swing, offset = min(0.5 * slack / length, _MOST_SWING_RAD), 0.5 * slack
         if i == 0 or i == m - 2:
             offset = 0.0
+        # Between two turns to the same side it may roll on the circle that osculates its contact.
         if lack == 0.0 and before * after > 0.0:
             size = _ROLL_SHARE * min(abs(before), abs(after))
             sink = _rolled_lack(p, a, b, t, size, stack)

@@ -115,7 +115,7 @@ def recombine(
                 cost += p.turning_weight * _turn(nodes, u, v, w)
             if cost + onward >= bound or cost >= best[v * n + w]:
                 continue
-            if sight[v, w] == _UNKNOWN:  # the dear question, so asked last and only once
+            if sight[v, w] == _UNKNOWN:  # the costly question, so asked last and only once
                 sight[v, w] = _CLEAR if is_clear(p, nodes[v], nodes[w], stack) else _BLOCKED
                 if sight[v, w] == _BLOCKED:
                     continue

@@ -25,8 +25,8 @@ _NEARLY, _BLOCKED, _SOLID = 4, 100, 1500
 _FAR = np.int32(2**30)
 _LIFTS = 3
 _TABLE = 512
-_HOPELESS = 1.06  # a taut route so much dearer than the best settled one is not settled
-_STRETCH = 1.35  # routes longer than this times the shortest are not looked at
+_HOPELESS = 1.06  # a taut route so much costlier than the best settled one is given up
+_STRETCH = 1.35  # routes longer than this times the shortest are not followed
 
 IntArray = NDArray[np.int32]
 
@@ -177,7 +177,7 @@ def _wave(
     distance[source] = 0
     now = 0
     while live > 0 and now <= far:
-        slot = now % buckets
+        slot = now % buckets  # the nearest bucket that may hold an entry
         entry = head[slot]
         if entry < 0:
             now += 1
@@ -188,7 +188,7 @@ def _wave(
         if distance[u] != now:
             continue
         if u == target and onward.size == 0:
-            far = min(far, int(now * _STRETCH) + 10 * _STRAIGHT)
+            far = min(far, int(now * _STRETCH) + 10 * _STRAIGHT)  # ways not much longer
         uy, ux = u // nx, u % nx
         for k in range(9):  # the eight neighbours; 4 is the node itself
             vy, vx = uy + k // 3 - 1, ux + k % 3 - 1
@@ -224,6 +224,7 @@ def _shortest_classes(
     length = np.full(_TABLE, _FAR, np.int32)
     node = np.full(_TABLE, -1, np.int32)
     held = 0
+    # A hash table from signature to the node of least detour.
     for v in range(ahead.size):
         total = ahead[v] + behind[v]
         if total > far:
@@ -250,6 +251,7 @@ def _chain(
 ) -> int:
     """Points start -> ... -> via -> ... -> goal along both waves' parents."""
     nx = lattice.weight.shape[1]
+    # Count the points back to the start, then write them in the order of travel.
     n = 0
     v = via
     while v >= 0:

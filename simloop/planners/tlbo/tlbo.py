@@ -170,7 +170,7 @@ def learner_phase(p: Problem, lines: Lines, c: Class, free: int, m: int, state: 
 def move_twins(
     p: Problem, lines: Lines, c: Class, free: int, m: int, alike: float, state: State
 ) -> None:
-    """Move one line of each learner that is as dear as the teacher.
+    """Move one line of each learner that is as costly as the teacher.
 
     Args:
         p: The problem.
@@ -178,7 +178,7 @@ def move_twins(
         c: The class; changed.
         free: How many lines may move.
         m: How many waypoints the path has.
-        alike: Difference of cost up to which two are as dear, as a share of the teacher's.
+        alike: Difference of cost up to which two are as costly, as a share of the teacher's.
         state: (1,) of the random generator.
     """
     teacher = np.argmin(c.cost)
