@@ -18,7 +18,8 @@ class WorldView(BaseMessage):
     What lies outside the grid is unknown, and each user says how it reads it. The planners, the
     smoother and the elastic band take the distance of the nearest place inside ("edge" in
     `simloop.geometry.distance_field`): a wall that reaches the border goes on outside.
-    `navigation.planner_world.with_free_rim` adds free space about the grid where that leaves no way.
+    `navigation.planner_world.with_free_rim` adds free space about the grid where that leaves no
+    way.
     The check whether a goal can be reached at all (`navigation.feasibility`) takes it for free.
     Unknown cells inside the grid are free for all.
 
