@@ -93,10 +93,10 @@ def parse(text: str) -> Threshold:
     if name.endswith(_RATE):
         _check_rate(text, name.removesuffix(_RATE))
     elif name.rpartition("_")[2] not in _STATISTICS:
-        choices = ", ".join(f"{name}_{one}" for one in _STATISTICS)
+        statistics = ", ".join(f"_{one}" for one in _STATISTICS)
         raise InputError(
-            f"--require {text}: '{name}' is neither a rate, e.g. success_rate, nor a figure with "
-            f"a statistic: {choices}"
+            f"--require {text}: unknown '{name}'; use a rate, such as success_rate, or a column "
+            f"with one of {statistics}, such as sim_time_s_p95"
         )
     return Threshold(name, sign, limit)
 

@@ -19,6 +19,8 @@ def check_file(path: Path, flag: str) -> None:
     Raises:
         InputError: If the file cannot be written.
     """
+    if str(path) == "-":
+        raise InputError(f"{flag} -: standard output is not supported here; give a file")
     if path.is_dir():
         raise InputError(f"{flag} {path}: this is a directory; give a file")
     if path.exists():

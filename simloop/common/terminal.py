@@ -25,7 +25,7 @@ def compiling(console: Console) -> Iterator[Callable[[str, int], None]]:
 
     def report(name: str, count: int) -> None:
         nonlocal began
-        text = f"compiling kernel {count}: {name} (only once; later runs use the cache)"
+        text = f"compiling kernel {count}: {name} (later runs use the cache)"
         if console.is_terminal:
             status.update(text)
         if not began:
@@ -33,7 +33,9 @@ def compiling(console: Console) -> Iterator[Callable[[str, int], None]]:
             if console.is_terminal:
                 status.start()
             else:
-                console.print("compiling the kernels (only once; later runs use the cache)")
+                console.print(
+                    "compiling the kernels that this run needs (later runs use the cache)"
+                )
 
     try:
         yield report

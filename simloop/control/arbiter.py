@@ -51,7 +51,7 @@ _RECOVERY_RATE_RADPS = 0.7  # largest yaw rate of a robot that frees itself
 _ARC_S = 1.5  # duration of the fan's arcs
 _CLEAR_S = 1.0  # duration for which an evasive arc must be free of what stands
 _WAY_OUT_KEPT_NS = 400_000_000
-_RATE_COUNTS_M = 0.25  # m/s that a rad/s off what is asked counts as
+_RATE_COUNTS_M = 0.25  # a yaw rate off by 1 rad/s counts like a speed off by so many m/s
 _ROOM_M = 0.08  # more room than this around the robot is worth no more
 
 
@@ -171,7 +171,7 @@ class VelocityArbiter:
     def _go_over(
         self, before: FloatArray, wanted: Velocity, now: Situation, discs: FloatArray | None
     ) -> tuple[Velocity, float]:
-        """Go from the last velocity towards another one; what is safe of that, and which part."""
+        """Go from the last velocity towards another one; the safe velocity, and its share."""
         speed, rate = step_towards(before, wanted.speed_mps, wanted.yaw_rate_radps, self._window)
         part = self._safe_part(speed, rate, now, discs)
         if part >= 1.0:
@@ -201,7 +201,7 @@ class VelocityArbiter:
     def _evasion_from(
         self, before: FloatArray, wanted: Velocity, discs: FloatArray, now: Situation
     ) -> Velocity | None:
-        """A velocity out of the way of what is coming; None where there is no need or no better."""
+        """A velocity out of the way of what is coming; None if none is needed or none is better."""
         config, limits = self._separation.config, self._separation.limits
         if not now.may_evade or now.speed_cap_mps <= 0.0:
             return None
@@ -212,7 +212,7 @@ class VelocityArbiter:
                 now.pose, before, target, self._accelerations, lively, half, config.horizon_s
             )
 
-        # Who is not reached standing may wait, and who is not reached driving on may do that.
+        # No evasion is needed if nothing reaches the robot when it stands, or when it drives on.
         stood = predict(np.zeros(2))
         if stood > config.threat_m or predict(np.array(wanted)) > config.threat_m:
             return None

@@ -38,9 +38,9 @@ _AT_REST_TICKS = 30
 
 
 class StandingCounts:
-    """Takes counts that stand on both sides while both belts are driven for no counts at all.
+    """Treats counts as missing if both belts are driven and no counts change.
 
-    Fresh stamps would make a robot believe that it stands, and drive its motors the harder.
+    Fresh stamps would make the robot believe that it stands, and drive its motors harder.
     """
 
     def __init__(self) -> None:

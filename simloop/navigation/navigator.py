@@ -79,8 +79,8 @@ class Progress:
         path: The path that is followed; None if there is none.
         next_sample: The first sample of the path that is still to come.
         is_old: Whether the watchdog finds the path too old.
-        may_plan: Whether the robot is to plan at all: it has a map, has not arrived and does not
-            free itself.
+        may_plan: Whether the robot is to plan at all: it has a map, has not arrived and is
+            not freeing itself.
     """
 
     path: SmoothPath | None
@@ -135,7 +135,7 @@ class Navigator:
 
     @property
     def goal_is_closed_off(self) -> bool:
-        """Whether the robot takes its goal for unreachable."""
+        """Whether the robot considers its goal unreachable."""
         return self._feasibility.hopeless
 
     @property

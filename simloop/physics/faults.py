@@ -1,7 +1,7 @@
 """Fault injection: what a scenario's ``[[faults]]`` do to the plant and to the sensors.
 
 Faults act between the plant and the sensors, and between the sensors and the robot. The robot is
-never told. docs/estimation.md lists the kinds and how the robot should handle them.
+never told. docs/scenarios.md lists the kinds, docs/estimation.md what the robot makes of them.
 """
 
 from __future__ import annotations
@@ -55,6 +55,18 @@ _TIMES = ("kind", "at_s", "for_s")
 _PUSH_N, _PUSH_N_PER_M, _PUSH_NS_PER_M = 250.0, 4000.0, 300.0
 _THROUGH_M = 1e-3  # how far behind a pane's surface a beam starts again
 _PANES = 4  # surfaces of glass that one beam may go through
+
+
+def keys_of(kind: str) -> tuple[str, ...]:
+    """List the keys that a kind of fault needs besides its times.
+
+    Args:
+        kind: The kind.
+
+    Returns:
+        Names of fields of `Fault`.
+    """
+    return _KEYS[kind]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

@@ -220,3 +220,11 @@ def test_the_benchmark_of_the_loop(tmp_path):
     for stage in figures["stages"].values():
         assert 0.0 < stage["mean_ms"] <= stage["worst_ms"]
     assert figures["stages"]["plant"]["calls"] > 0 and figures["outcome"] == "reached"
+
+
+def test_standard_output_is_refused_where_it_is_not_supported(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = simloop("run", "open", "--json", "-")
+    assert done.returncode == 2
+    assert "--json -: standard output is not supported here" in done.stderr
+    assert list(tmp_path.iterdir()) == []

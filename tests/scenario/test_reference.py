@@ -5,9 +5,12 @@ from __future__ import annotations
 import re
 from dataclasses import MISSING, fields
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
+from simloop.config import Config
+from simloop.physics.faults import Kind, keys_of
 from simloop.scenario.load import load, parse_value
 from simloop.scenario.scenario import Clutter, Scenario
 from simloop.worlds.generators.generator import Generator
@@ -68,3 +71,17 @@ def test_every_table_of_a_world_is_in_the_reference():
         assert f"[{table}]" in headings or f"[{table}." in headings
     for shown in ("steps", "ramps", "height_field"):
         assert f"terrain.{shown}]" in headings
+
+
+def test_every_kind_of_fault_is_listed_with_its_keys():
+    text = PAGE.split("**`[[faults]]`**")[1]
+    rows = dict(re.findall(r"^\| `(\w+)` \| ([^|]*) \| [^|]*\|$", text, re.MULTILINE))
+    assert set(rows) == set(get_args(Kind))
+    for kind in rows:
+        assert all(f"`{key}`" in rows[kind] for key in keys_of(kind)), kind
+
+
+def test_every_section_of_the_settings_is_named():
+    text = PAGE.split("The sections of the settings are")[1].split("describes each key")[0]
+    named = set(re.findall(r"`(\w+)`", text))
+    assert named == {field.name for field in fields(Config)}
