@@ -34,7 +34,7 @@ def compiling(console: Console) -> Iterator[Callable[[str, int], None]]:
                 status.start()
             else:
                 console.print(
-                    "compiling the kernels that this run needs (later runs use the cache)"
+                    "compiling kernels for this run (later runs use the cache)"
                 )
 
     try:

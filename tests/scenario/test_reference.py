@@ -74,8 +74,8 @@ def test_every_table_of_a_world_is_in_the_reference():
 
 
 def test_every_kind_of_fault_is_listed_with_its_keys():
-    text = PAGE.split("**`[[faults]]`**")[1]
-    rows = dict(re.findall(r"^\| `(\w+)` \| ([^|]*) \| [^|]*\|$", text, re.MULTILINE))
+    text = PAGE.split("### `[[faults]]`\n")[1].split("\n#")[0]
+    rows = dict(re.findall(r"^\| `(\w+)` \| ([^|]*)\| [^|]*\|$", text, re.MULTILINE))
     assert set(rows) == set(get_args(Kind))
     for kind in rows:
         assert all(f"`{key}`" in rows[kind] for key in keys_of(kind)), kind
