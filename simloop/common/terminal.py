@@ -33,9 +33,7 @@ def compiling(console: Console) -> Iterator[Callable[[str, int], None]]:
             if console.is_terminal:
                 status.start()
             else:
-                console.print(
-                    "compiling kernels for this run (later runs use the cache)"
-                )
+                console.print("compiling kernels for this run (later runs use the cache)")
 
     try:
         yield report

@@ -120,6 +120,8 @@ class SeparationConfig:
         restless_s: Time that a standing robot needs to get under way, s. It does not set off
             while something that moved lately can reach it within this time.
         patience_s: Longest time for which it waits so, s.
+        visit_memory_s: Time for which the robot remembers that something that moves came within
+            the margin, s. Until then it expects that things may turn round and come back.
     """
 
     margin_m: NonNegative = 0.06
@@ -135,6 +137,7 @@ class SeparationConfig:
     keep_s: Positive = 0.3
     restless_s: NonNegative = 0.2
     patience_s: NonNegative = 3.0
+    visit_memory_s: NonNegative = 10.0
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

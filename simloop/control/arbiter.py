@@ -35,6 +35,7 @@ from simloop.control.fan import (
 )
 from simloop.control.separation import (
     Separation,
+    coming_back,
     least_gap,
     mover_discs,
     safe_part,
@@ -143,6 +144,7 @@ class VelocityArbiter:
         separation, tracks = self._separation, now.movers
         assert tracks is not None
         discs = mover_discs(tracks, now.t_ns, separation.config)
+        separation.note_visits(now.pose, discs, now.t_ns)
         if separation.must_stand(now.pose, tracks, now.t_ns):
             chosen, _ = self._go_over(before, STILL, now, discs)
             return chosen, Mode.YIELD
@@ -205,11 +207,13 @@ class VelocityArbiter:
         config, limits = self._separation.config, self._separation.limits
         if not now.may_evade or now.speed_cap_mps <= 0.0:
             return None
-        half, lively = limits[3:5], discs[discs[:, 6] > config.stands_mps]
+        half, threats = limits[3:5], discs[discs[:, 6] > config.stands_mps]
+        if self._separation.expects_return(now.t_ns):
+            threats = np.concatenate((threats, coming_back(threats)))
 
         def predict(target: FloatArray) -> float:
             return least_gap(
-                now.pose, before, target, self._accelerations, lively, half, config.horizon_s
+                now.pose, before, target, self._accelerations, threats, half, config.horizon_s
             )
 
         # No evasion is needed if nothing reaches the robot when it stands, or when it drives on.
@@ -222,7 +226,14 @@ class VelocityArbiter:
             return self._evasion
         found = examine_fan(self._fan, now.near_points_m, self._limits, _ARC_S)
         found[:, GAP] = predict_gaps(
-            now.pose, before, self._fan, discs, limits, self._accelerations, config.horizon_s
+            now.pose,
+            before,
+            self._fan,
+            discs,
+            threats,
+            limits,
+            self._accelerations,
+            config.horizon_s,
         )
         clear = (found[:, FREE] * _ARC_S >= _CLEAR_S) & (found[:, GAP] > stood + config.worth_m)
         found[:, GAP] = np.minimum(found[:, GAP], config.comfort_m)

@@ -70,6 +70,7 @@ def predict_gaps(
     last: FloatArray,
     fan: FloatArray,
     movers: FloatArray,
+    threats: FloatArray,
     mover_limits: FloatArray,
     window: FloatArray,
     horizon: float,
@@ -80,7 +81,8 @@ def predict_gaps(
         pose: (3,) of base_link in map, m, m, rad.
         last: (2,) velocity of the last period, m/s and rad/s.
         fan: (m, 2) velocities, m/s and rad/s.
-        movers: (k, 7) as in `separation.mover_discs`.
+        movers: (k, 7) as in `separation.mover_discs`: the robot must be able to stop for them.
+        threats: (t, 7) the same, of what may come: the robot keeps away from it.
         mover_limits: (7,) as in `separation.stays_clear`.
         window: (2,) accelerations, m/s^2 and rad/s^2.
         horizon: How far ahead to predict, s.
@@ -92,7 +94,7 @@ def predict_gaps(
     half = mover_limits[3:5]
     for i in range(fan.shape[0]):
         if stays_clear(pose, fan[i, 0], fan[i, 1], movers, mover_limits):
-            gaps[i] = least_gap(pose, last, fan[i], window, movers, half, horizon)
+            gaps[i] = least_gap(pose, last, fan[i], window, threats, half, horizon)
         else:
             gaps[i] = -np.inf
     return gaps

@@ -88,9 +88,10 @@ def stays_clear(
             slowed = max(0.0, t - reaction)
             gone = t - (0.5 * slowed * slowed / braking if braking > 0.0 else 0.0)
             ahead, turned = speed * gone, rate * gone
-            # As it is predicted, in a disc that grows with what is not known of it.
+            # As it is predicted, in a disc that grows with what is not known of it. Where there is
+            # less room than that already, the robot may still go away from it.
             gap = gap_after(pose, ahead, turned, t, movers[k], half) - margin
-            if gap < (movers[k, 5] * t if first >= 0.0 else first - 1e-6):
+            if gap < min(movers[k, 5] * t, first) - 1e-6:
                 return False
             # It may turn round at once: as far from where it is now as it can come by then.
             gap = gap_after(pose, ahead, turned, 0.0, movers[k], half)
@@ -190,6 +191,20 @@ def mover_discs(tracks: MoverTracks, t_ns: int, config: SeparationConfig) -> Flo
     )
 
 
+def coming_back(movers: FloatArray) -> FloatArray:
+    """Predict that movers turn round at once and come back the way they went.
+
+    Args:
+        movers: (n, 7) as in `mover_discs`.
+
+    Returns:
+        (n, 7) the same movers with reversed velocities.
+    """
+    reversed_movers = movers.copy()
+    reversed_movers[:, 2:4] *= -1.0
+    return reversed_movers
+
+
 class Separation:
     """Says what part of a velocity is safe among what moves, and when to stand."""
 
@@ -214,7 +229,8 @@ class Separation:
         )
         self._stale_ns = round(config.stale_s * 1e9)
         self._patience_ns = round(config.patience_s * 1e9)
-        self._moved_ns = 0
+        self._visit_memory_ns = round(config.visit_memory_s * 1e9)
+        self._moved_ns = self._visited_until_ns = 0
 
     def note_motion(self, t_ns: int, moves: bool) -> None:
         """Remember when the robot was last told to move.
@@ -225,6 +241,31 @@ class Separation:
         """
         if moves:
             self._moved_ns = t_ns
+
+    def note_visits(self, pose: FloatArray, movers: FloatArray, t_ns: int) -> None:
+        """Remember when something that moves comes within the margin.
+
+        Args:
+            pose: (3,) of base_link in map, m, m, rad.
+            movers: (n, 7) as in `mover_discs`.
+            t_ns: The instant, ns.
+        """
+        config, half = self.config, self.limits[3:5]
+        for mover in movers:
+            lively = mover[6] > config.stands_mps
+            if lively and gap_after(pose, 0.0, 0.0, 0.0, mover, half) < config.margin_m:
+                self._visited_until_ns = t_ns + self._visit_memory_ns
+
+    def expects_return(self, t_ns: int) -> bool:
+        """Say whether something came within the margin lately, and may turn round and come back.
+
+        Args:
+            t_ns: The instant, ns.
+
+        Returns:
+            True until the visit is forgotten.
+        """
+        return t_ns < self._visited_until_ns
 
     def must_stand(self, pose: FloatArray, tracks: MoverTracks, t_ns: int) -> bool:
         """Say whether the robot must stand whatever it is asked for.
