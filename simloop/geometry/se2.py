@@ -20,7 +20,7 @@ TWO_PI = 2.0 * math.pi
 def wrap_angle(angle: float) -> float:
     """Wrap an angle to (-pi, pi].
 
-    The remainder is exact, because fmod is exact.
+    The result is exact, because fmod is exact.
 
     Args:
         angle: Any angle, rad.
