@@ -21,7 +21,7 @@ from simloop.messages import FloatArray
 from simloop.replay.laser_log import LaserLog
 
 MOST_GAP_S = 1.0
-"""Longest time between two scans between which poses are interpolated."""
+"""Poses are interpolated only between scans that are at most this far apart in time, s."""
 
 
 @dataclass(frozen=True, slots=True)
