@@ -310,7 +310,7 @@ class Localiser:
         self.ekf.widen(fix.t_ns, deviations)
         self.health.found()
         self._candidate = None
-        self.messages.append(Event(scan.t_ns, "info", "found itself in its map again"))
+        self.messages.append(Event(scan.t_ns, "info", "found its pose in the map again"))
         return fix
 
 

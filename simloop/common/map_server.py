@@ -41,7 +41,7 @@ def read_cells(yaml_file: Path) -> tuple[float, FloatArray, NDArray[np.float32]]
     facts = _read_yaml(yaml_file)
     for key in _NEEDS:
         if key not in facts:
-            raise InputError(f"{yaml_file}: {key} is missing; needed are {', '.join(_NEEDS)}")
+            raise InputError(f"{yaml_file}: {key} is missing; required: {', '.join(_NEEDS)}")
     resolution = _number(yaml_file, facts, "resolution")
     origin = _numbers(yaml_file, facts["origin"])
     if not 0.005 <= resolution <= 1.0:

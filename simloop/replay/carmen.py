@@ -70,7 +70,7 @@ def parse_carmen(lines: Iterable[str], name: str = "log") -> LaserLog:
     if not scans:
         if skipped:
             raise InputError(
-                f"{name}, line {bad_line}: no laser line of the log can be read; this is the first"
+                f"{name}, line {bad_line}: not a valid laser line; the log has no valid one"
             )
         raise InputError(f"{name}: has no FLASER or ROBOTLASER1 line; is it a CARMEN log?")
     # A log may hold two lasers, or truncated lines. Use the most frequent number of beams.

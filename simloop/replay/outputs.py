@@ -52,7 +52,7 @@ class ReplayFiles:
         if self.figures is not None and self.figures != STDOUT:
             check_file(self.figures, "--json")
             if self.figures.resolve() in sources:
-                raise InputError(f"--json {self.figures}: would overwrite a file that is read")
+                raise InputError(f"--json {self.figures}: would overwrite an input file")
 
     @property
     def map_file(self) -> Path:

@@ -49,13 +49,13 @@ def _read_npz(path: Path) -> LaserLog:
         raise InputError(f"{path}: not a readable .npz: {error}") from None
     for key in _NPZ_KEYS:
         if key not in table:
-            raise InputError(f"{path}: lacks {key}; it must have {', '.join(_NPZ_KEYS)}")
+            raise InputError(f"{path}: {key} is missing; required: {', '.join(_NPZ_KEYS)}")
     t_s, ranges, odom = (table[key] for key in _NPZ_KEYS[:3])
     scans = len(t_s) if t_s.ndim == 1 else 0
     if scans == 0 or ranges.ndim != 2 or len(ranges) != scans or odom.shape != (scans, 3):
         raise InputError(
             f"{path}: scan_t_s {t_s.shape}, scan_ranges_m {ranges.shape} and scan_odom_xyyaw "
-            f"{odom.shape} do not fit; wanted are (n,), (n, beams) and (n, 3)"
+            f"{odom.shape} do not match; required: (n,), (n, beams) and (n, 3)"
         )
     if table["fov_deg"].size != 1 or not 0.0 < float(table["fov_deg"].ravel()[0]) <= 360.0:
         raise InputError(f"{path}: fov_deg must be one number in (0, 360]")

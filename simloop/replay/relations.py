@@ -84,7 +84,7 @@ def read_relations(path: Path) -> FloatArray:
             )
         rows.append([*row[:4], row[-1]])
     if not rows:
-        raise InputError(f"--relations {path}: has no relation")
+        raise InputError(f"--relations {path}: the file has no relation")
     return np.array(rows)
 
 
@@ -157,7 +157,7 @@ def relation_errors(t_s: FloatArray, poses: FloatArray, relations: FloatArray) -
     known = np.isfinite(off)
     count = int(np.count_nonzero(known))
     if count == 0:
-        raise InputError("no relation lies within the log's times; are they of another log?")
+        raise InputError("no relation lies within the log's times; do they belong to another log?")
     turned = wrap_angles(second[known, 2] - first[known, 2] - relations[known, 4])
     return RelationErrors(
         float(off[known].mean()),
