@@ -25,7 +25,7 @@ _HALTING = {HealthReason.NO_SCANS, HealthReason.LOST}  # reasons that halt the r
 _SCANS_MISSED = 3  # scans are missing after this many scan periods without one
 _READINGS_MISSED_NS = 50_000_000  # encoders or IMU are missing after this time without a reading
 _BELT_TICKS = 30  # number of control periods over which a belt is judged
-_BELT_SHARE = 0.8  # a belt is ignored if it was refused in more than this share of them
+_BELT_SHARE = 0.8  # a belt is reported if it was refused in more than this share of them
 _MISFITS_TO_HALT = 2  # the robot halts after this many misfits
 _MISFITS_TO_BE_LOST = 4  # the robot is lost after this many misfits
 
@@ -61,7 +61,7 @@ class HealthMonitor:
 
     @property
     def belts_heard(self) -> tuple[bool, bool]:
-        """Whether the left and the right encoder are used."""
+        """Whether the left and the right encoder can be trusted."""
         return (
             HealthReason.LEFT_BELT not in self._until_ns,
             HealthReason.RIGHT_BELT not in self._until_ns,
