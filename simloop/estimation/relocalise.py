@@ -2,8 +2,7 @@
 
 ``best_place`` makes the choice for every relocaliser. The scan matcher has refined each candidate,
 and a check against the map gives its cost. The best place is accepted only if it fits and if no
-other place is nearly as good: a wrong place that is accepted is worse than a robot that knows that
-it is lost.
+other place is nearly as good: to accept a wrong place is worse than to stay lost.
 
 ``relocalise`` is the search of the closed loop, with one scan. Its candidates are free places on a
 lattice, in every heading (Olson 2009, without the pyramid). A pose must explain the scan, and its

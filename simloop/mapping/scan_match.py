@@ -44,7 +44,7 @@ _SMALL_STEP = 1e-4  # the iteration ends with a smaller step, m and rad
 def _pose_between(
     k: int, pose_t_ns: NDArray[np.int64], poses: FloatArray, t_ns: int
 ) -> tuple[float, float, float]:
-    """Interpolate the pose at an instant between the k-th pose and the next one."""
+    """Interpolate the pose at a time between the k-th pose and the next one."""
     if poses.shape[0] == 1:
         return poses[0, 0], poses[0, 1], poses[0, 2]
     f = (t_ns - pose_t_ns[k]) / (pose_t_ns[k + 1] - pose_t_ns[k])

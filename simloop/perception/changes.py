@@ -19,13 +19,13 @@ from simloop.messages import FloatArray
 BINS = 360
 """Number of directions around the laser, one degree each, for which a scan's range is kept."""
 
-_SCANS_BACK = (3, 6, 12, 20)  # ages of the compared scans; slow things need old scans
+_SCANS_BACK = (3, 6, 12, 20)  # compare with the scans this many scans ago; slow obstacles need old ones
 _WINDOW_BINS = 2  # number of neighbour bins on either side that must have been free as well
 _LASER_SHIFT_M = 0.06  # motion of the laser in one sweep: near points need a wider window
 _LEAST_KNOWN_BINS = 3  # with fewer known bins in the window, the earlier scan saw too little
 _MARGIN_M = 0.10  # constant part of the distance by which the earlier beam must pass a point
 _MARGIN_SHARE = 0.02  # part of that distance that grows with the range, m/m
-_FAR_M = 7.0  # farther points are not tested: thin things fall between the beams
+_FAR_M = 7.0  # farther points are not tested: thin objects fall between the beams
 
 
 @njit(cache=True)
@@ -76,7 +76,7 @@ def mark_moved(
         bearing, needed = _bin(dx, dy), far * (1.0 + _MARGIN_SHARE) + _MARGIN_M
         if not ranges[bearing] > needed:
             continue  # nearly every point is done here, without the search of the window
-        # A beam that just misses an edge passes a static thing. So the neighbours must have been
+        # A beam that just misses an edge passes a static object. So the neighbours must have been
         # free too. The window is wider for near points, because the laser itself has moved.
         least, known = np.inf, 0
         window = _WINDOW_BINS + int(_LASER_SHIFT_M / max(far, 0.05) * BINS / (2.0 * math.pi))
