@@ -19,7 +19,7 @@ from simloop.messages import FloatArray
 BINS = 360
 """Number of directions around the laser, one degree each, for which a scan's range is kept."""
 
-_SCANS_BACK = (3, 6, 12, 20)  # compare with the scans this many scans ago; slow obstacles need old ones
+_SCANS_BACK = (3, 6, 12, 20)  # ages of the compared scans, in scans; slow obstacles need old ones
 _WINDOW_BINS = 2  # number of neighbour bins on either side that must have been free as well
 _LASER_SHIFT_M = 0.06  # motion of the laser in one sweep: near points need a wider window
 _LEAST_KNOWN_BINS = 3  # with fewer known bins in the window, the earlier scan saw too little
