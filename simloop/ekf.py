@@ -1,15 +1,15 @@
-"""The state estimator: filterpy's extended Kalman filter for a skid-steered, tracked robot.
+"""Estimate the state of a skid-steered, tracked robot with filterpy's extended Kalman filter.
 
 State and models are those of ``ekf_model``. Wheels, gyro and accelerometer come at 100 Hz and need
-the same arithmetic each time. filterpy's ``predict`` and ``update`` take some 80 us for it, nearly
-all of it overhead of Python and a fifth of what the whole loop may take. So ``PeriodicEkf`` adds
-one compiled step with the same equations (tests compare it with filterpy's, to 1e-10). LiDAR
-fixes, at 10 Hz, go through filterpy's ``update`` at their own instant; then the inputs since that
-instant are filtered again (see ``ekf_history``).
+the same arithmetic each time. filterpy's ``predict`` and ``update`` take some 80 us for it. Nearly
+all of this is overhead of Python, and it is a fifth of the time budget of the whole loop. So
+``PeriodicEkf`` adds one compiled step with the same equations (tests compare it with filterpy's, to
+1e-10). LiDAR fixes, at 10 Hz, correct the belief at their own time with filterpy's ``update``. Then
+the inputs since that time are filtered again (see ``ekf_history``).
 
-A fix tells where the robot stands in its own map. The map's error is in every fix alike and does
-not average out. So the filter's covariance is relative to the map, and the map's error is kept
-beside it (Schmidt 1966): an ``Estimate`` carries the sum of both.
+A fix is the robot's pose in its own map. The map's error is the same in every fix and does not
+average out. So the filter's covariance is relative to the map, and the map's error is kept
+separately (Schmidt 1966). An ``Estimate`` contains the sum of both.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ from simloop.messages import EncoderReading, Estimate, FloatArray, ImuReading, P
 
 __all__ = ["GAUGE", "ICR_X", "OFFSET", "Ekf", "PeriodicEkf"]
 
-_STATIONARY_STD = 1e-3  # m/s, of a belt speed when no count has come for _STATIONARY_NS
-_STATIONARY_NS = 200_000_000
-_STATIONARY_RADPS = 0.02  # a yaw rate above this, without the bias, means that the robot turns
-_REJECTIONS_BEFORE_TRUST = 5  # refused fixes in a row after which the belief is widened instead
-_REMEMBERED_PERIODS = 4  # over which the filter averages a belt's speed
-_NO_GYRO_VAR = 1e6  # (rad/s)^2, of a gyro reading that has not come
-_LONE_BELT_GATE = 4.0  # squared Mahalanobis distance up to which a belt is used without the other
-_HISTORY_NS = 500_000_000  # how late a fix may come
+_STATIONARY_STD = 1e-3  # standard deviation of a belt's speed at rest, m/s
+_STATIONARY_NS = 200_000_000  # the robot is at rest after this time without motion
+_STATIONARY_RADPS = 0.02  # a larger yaw rate, after the bias is removed, is motion
+_REJECTIONS_BEFORE_TRUST = 5  # this many fixes refused in a row widen the belief instead
+_REMEMBERED_PERIODS = 4  # number of periods over which the filter averages a belt's speed
+_NO_GYRO_VAR = 1e6  # variance that stands for a missing gyro reading, (rad/s)^2
+_LONE_BELT_GATE = 4.0  # largest squared Mahalanobis distance of a belt used without the other
+_HISTORY_NS = 500_000_000  # largest delay of a fix
 
 
 def _pose(x: FloatArray) -> FloatArray:
@@ -69,7 +69,7 @@ def _pose_jacobian(_: FloatArray) -> FloatArray:
 
 
 class PeriodicEkf(ExtendedKalmanFilter):
-    """filterpy's filter, with one compiled call for the step that every control period repeats.
+    """filterpy's filter with one compiled call for the step of each control period.
 
     Attributes:
         x: (9,) state.
@@ -84,7 +84,7 @@ class PeriodicEkf(ExtendedKalmanFilter):
     ) -> None:
         """Predict over one period and correct with gyro and belts.
 
-        ``x`` and ``P`` become new arrays, so that a belief given away before never changes.
+        ``x`` and ``P`` become new arrays, so that a belief returned before never changes.
 
         Args:
             inputs: (11,) the period's inputs; see ``ekf_model.predict_and_correct``.
@@ -96,12 +96,12 @@ class PeriodicEkf(ExtendedKalmanFilter):
 
 
 class Ekf:
-    """Fuses encoders, gyro, accelerometer and LiDAR poses.
+    """Filter that fuses encoders, gyro, accelerometer and LiDAR poses.
 
     Attributes:
-        rejected: How many fixes were refused in a row.
-        shove_var: Process noise of the position, m^2/s, while something pushes the robot.
-        belts_refused: Which belts, left and right, the gate refused in the last period.
+        rejected: Number of fixes refused in a row.
+        shove_var: Additional process noise of the position while the robot is pushed, m^2/s.
+        belts_refused: Whether the gate refused the left and the right belt in the last period.
     """
 
     def __init__(
@@ -117,7 +117,7 @@ class Ekf:
 
         Args:
             config: Noises and gates of the filter.
-            encoder: Counts a turn.
+            encoder: Counts per turn.
             imu: Noise of the gyro.
             vehicle: Gauge and sprocket radius.
             pose: (3,) x, y, yaw of base_link in map, m and rad.
@@ -125,9 +125,9 @@ class Ekf:
         """
         self._gauge, self._period_s = vehicle.gauge_m, period_s
         self._metres_a_count = 2.0 * math.pi * vehicle.sprocket_radius_m / encoder.counts_per_turn
-        # A count has come or not: the error is the difference of two uniform ones. What one
-        # period counts too much the next counts too little, so over the periods that the filter
-        # averages the error falls with their number, not with its root.
+        # The error of a difference of counts is the difference of two uniform errors. If one period
+        # counts too much, the next counts too little. So over the periods that the filter averages,
+        # the error falls with their number and not with its square root.
         quantum = self._metres_a_count / period_s / math.sqrt(6.0)
         self._wheel_var = quantum**2 / _REMEMBERED_PERIODS + config.encoder_slip_mps**2
         self._gyro_var = imu.gyro_noise_radps_rthz**2 / period_s
@@ -167,23 +167,23 @@ class Ekf:
 
     @property
     def stationary(self) -> bool:
-        """Whether neither the sprockets nor the gyro have shown motion for a while."""
+        """Whether sprockets and gyro have shown no motion for a while."""
         return self._t_ns - self._moved_ns >= _STATIONARY_NS
 
     @property
     def covariance_in_map(self) -> FloatArray:
-        """(3, 3) of the pose relative to the robot's own map, without the map's own error."""
+        """(3, 3) covariance of the pose relative to the robot's map, without the map's error."""
         return self._filter.P[:3, :3]
 
     def belief_at(self, t_ns: int) -> tuple[FloatArray, FloatArray] | None:
-        """Return the belief of an instant.
+        """Return the belief at a time.
 
         Args:
-            t_ns: The instant.
+            t_ns: The time, ns.
 
         Returns:
             Pose (3,) x, y, yaw of base_link in map, and its covariance (3, 3) relative to the map.
-            None if that instant is forgotten.
+            None if that time is no longer in the history.
         """
         row = self._history.find(t_ns)
         if row is None:
@@ -192,30 +192,30 @@ class Ekf:
         return x[:3], p[:3, :3]
 
     def estimate(self) -> Estimate:
-        """Return the belief now.
+        """Return the present belief.
 
         Returns:
-            State and covariance, with the map's error in it.
+            State and covariance; the covariance includes the map's error.
         """
         covariance = with_pose_error(self._filter.P, self._map_error)
-        # The filter makes a new x at each step, and never writes into one that it gave away.
+        # The filter makes a new x at each step and never changes an x that was returned before.
         return Estimate(self._t_ns, self._filter.x, covariance)
 
     def advance(
         self, encoders: EncoderReading, imu: ImuReading, may_move: bool = False
     ) -> Estimate:
-        """Predict to the readings' instant with the accelerometer, correct with wheels and gyro.
+        """Predict to the time of the readings with the accelerometer; correct with wheels and gyro.
 
-        A reading whose stamp is not newer than the last one's counts as missing: it is late, or
-        the sensor has stopped. If both are missing, one period is predicted.
+        A reading counts as missing if its stamp is not newer than the last one: it is late, or the
+        sensor has stopped. If both are missing, one period is predicted.
 
         Args:
             encoders: Sprocket counts.
             imu: Rates and accelerations.
-            may_move: Whether the motors are driven, so that standing counts need not mean rest.
+            may_move: Whether the motors are driven. Then constant counts do not mean rest.
 
         Returns:
-            The belief now.
+            The present belief.
         """
         new_counts = self._last is None or encoders.t_ns > self._last.t_ns
         new_imu = imu.t_ns > self._imu_ns
@@ -234,7 +234,7 @@ class Ekf:
         left, right, lag_s = self._wheel_speeds(encoders) if new_counts else (0.0, 0.0, 0.0)
         rests = self.stationary
         accel = float(imu.accel_mps2[0]) if new_imu and not rests else 0.0
-        # Counts give the mean speed since the last ones: that of half that time ago.
+        # Counts give the mean speed since the last counts, so it is half that time old.
         left, right = left + accel * lag_s, right + accel * lag_s
         wheel_var = _STATIONARY_STD**2 if rests else self._wheel_var
         if not new_counts:
@@ -247,16 +247,16 @@ class Ekf:
         return self.estimate()
 
     def correct(self, fix: PoseFix) -> bool:
-        """Correct the belief with a LiDAR pose, at its own instant.
+        """Correct the belief at the time of a LiDAR pose.
 
-        A fix outside the gate is refused. After several in a row the belief is widened instead,
-        and the fix is taken.
+        A fix outside the gate is refused. After several refusals in a row the belief is widened
+        instead, and the fix is accepted.
 
         Args:
             fix: The pose and its covariance.
 
         Returns:
-            False if it was refused, is not ok, or is older than the filter's memory.
+            False if the fix was refused, is not ok, or is older than the filter's history.
         """
         row = self._history.find(fix.t_ns) if fix.ok else None
         if row is None:
@@ -276,11 +276,11 @@ class Ekf:
         return True
 
     def widen(self, t_ns: int, deviations: FloatArray) -> None:
-        """Widen the belief of an instant by independent errors.
+        """Add independent errors to the belief at a time.
 
         Args:
-            t_ns: The instant; nothing happens if it is forgotten.
-            deviations: (9,) standard deviations in the state's units.
+            t_ns: The time, ns. If it is no longer in the history, nothing happens.
+            deviations: (9,) standard deviations in the units of the state.
         """
         row = self._history.find(t_ns)
         if row is not None:
@@ -288,12 +288,12 @@ class Ekf:
             self._replace_belief(row, x, p + np.diag(np.square(deviations)))
 
     def reset_pose(self, t_ns: int, pose: FloatArray, covariance: FloatArray) -> None:
-        """Replace the pose of an instant; all other parts of the state are kept.
+        """Replace the pose at a time, and keep all other parts of the state.
 
         Args:
-            t_ns: The instant; nothing happens if it is forgotten.
-            pose: (3,) x, y, yaw of base_link in map.
-            covariance: (3, 3) of it.
+            t_ns: The time, ns. If it is no longer in the history, nothing happens.
+            pose: (3,) x, y, yaw of base_link in map, m and rad.
+            covariance: (3, 3) covariance of the pose.
         """
         row = self._history.find(t_ns)
         if row is None:
@@ -305,11 +305,12 @@ class Ekf:
         self._replace_belief(row, x, p)
 
     def add_map_error(self, new_share: float) -> None:
-        """Account for a scan that was entered in the map at the present belief.
+        """Add the error of a scan that was entered in the map at the present belief.
 
-        The first scan is the map and brings in its whole error. Later ones bring their own error
-        and that of the belief for what is new in them: the map about the robot moves by that share
-        of it. Errors of different scans are independent, so their variances add up.
+        The first scan is the whole map, so all of its error counts. A later scan adds its own error
+        and the error of the belief, both multiplied by the share of the scan that is new: the map
+        around the robot moves by this share of the errors. Errors of different scans are
+        independent, so their variances add up.
 
         Args:
             new_share: Share of the scan that was new in the map, 0 to 1.
@@ -317,20 +318,20 @@ class Ekf:
         x, before = self._filter.x, self._mapped_at
         self._mapped_at = x
         if before is not None:
-            # A turn of the map about its beginning is a shift where the robot is now.
+            # A rotation of the map at the last place is a shift at the robot's present place.
             dx, dy = x[0] - before[0], x[1] - before[1]
             carry = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
             self._map_error = carry @ self._map_error @ carry.T
         self._map_error += new_share**2 * (self._filter.P[:3, :3] + self._entry_noise)
 
     def _replace_belief(self, row: int, x: FloatArray, p: FloatArray) -> None:
-        """Put a belief into the history, and take over what follows from it now."""
+        """Replace a belief in the history, and take the present belief that follows from it."""
         self._filter.x, self._filter.P = self._history.rewrite(
             row, x, p, self._walk, self._gauge, self._gates
         )
 
     def _wheel_speeds(self, encoders: EncoderReading) -> tuple[float, float, float]:
-        """Both belts' mean speeds, m/s, since the last counts, and half the time since then, s."""
+        """Return both belts' mean speeds since the last counts, m/s, and half that time, s."""
         last, self._last = self._last, encoders
         if last is None:
             return 0.0, 0.0, 0.5 * self._period_s

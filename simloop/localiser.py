@@ -1,15 +1,16 @@
-"""Localisation: the filter, the map and dead reckoning together, and whether to trust them.
+"""Localise the robot with filter, map and dead reckoning, and decide whether to trust the pose.
 
-    encoders, imu -> Ekf -> odom;  scan, odom -> GridSlam -> fix -> Ekf (at the scan's own instant)
+    encoders, imu -> Ekf -> odom;  scan, odom -> GridSlam -> fix -> Ekf (at the time of the scan)
 
 One control period calls ``predict``, then ``match`` and ``enter`` if a scan came, then
-``conclude``. The caller decides between ``match`` and ``enter`` which points of the scan belong to
-moving things; those stay out of the map.
+``conclude``. Between ``match`` and ``enter`` the caller finds the points of the scan that belong to
+moving obstacles; these points stay out of the map.
 
 The filter's gate may refuse a fix. Then ``motion_votes`` compares the motion since the last fix as
 LiDAR, wheels and IMU measured it. If a jump of the gyro's bias or a push explains the difference,
-the belief is widened in just that and the fix is taken. Fixes that nothing explains are counted
-(``health``). After several the robot is lost: it stands still and searches its whole map.
+the uncertainty of the affected states is increased and the fix is accepted. Unexplained fixes are
+counted (``health``). After several of them the robot is lost: it stands still and searches its
+whole map.
 """
 
 from __future__ import annotations
@@ -44,32 +45,32 @@ from simloop.messages import (
 )
 from simloop.slam_grid import GridSlam
 
-_INFORMATIVE_POINTS = 30  # a scan with fewer, say of two thin posts, cannot contradict the belief
-_POOR_SCORE = 0.6  # with a smaller share of matched points a fit is a matter of luck
-# A match this good and this near to the belief is at the right place, though no sensor supports
-# it: belts that slip in a jerk are off by as much, and the accelerometer cannot tell.
+_INFORMATIVE_POINTS = 30  # a scan with fewer points, e.g. of two posts, contradicts no belief
+_POOR_SCORE = 0.6  # a match with a smaller share of matched points may be chance
+# A match with a higher score and a smaller offset from the belief is accepted even if no other
+# sensor supports it: belts that slip in a jerk are off by as much, and the accelerometer cannot
+# detect that.
 _SURE_SCORE, _SLIGHT_M, _SLIGHT_RAD = 0.9, 0.03, 0.03
-_LEAST_BIAS_JUMP_RADPS = 0.03  # least deviation of the gyro's bias when it is widened
-_RELOCALISED_COVARIANCE = np.diag([0.05**2, 0.05**2, 0.05**2])
-_AGREE_M, _AGREE_RAD = 0.08, 0.05  # between two places found one after the other
-_GIVE_UP_NS = 10_000_000_000
-_HISTORY_NS = 800_000_000  # of odometry: how late a scan may come and still be compared
+_LEAST_BIAS_JUMP_RADPS = 0.03  # least standard deviation that is added to the gyro's bias
+_RELOCALISED_COVARIANCE = np.diag([0.05**2, 0.05**2, 0.05**2])  # of x, y, yaw after a search
+_AGREE_M, _AGREE_RAD = 0.08, 0.05  # largest difference of two successive search results
+_GIVE_UP_NS = 10_000_000_000  # the robot gives up after this time lost, halted or without scans
+_HISTORY_NS = 800_000_000  # span of the odometry history: a later scan cannot be compared
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Located:
-    """A scan and the pose that it was taken from, after the filter has heard of its fix.
+    """A scan and its pose, after the correction of the filter.
 
     Attributes:
-        scan: The scan as it came.
+        scan: The scan as received.
         pose: (3,) x, y, yaw of base_link in map at the scan's stamp, m and rad.
-        points_m: (n, 2) the scan's hits in base_link at its stamp, with the motion during the
-            turn taken out.
-        fix: The match that was offered to the filter.
-        taken: Whether the filter took it.
-        informative: Whether the scan has points enough to contradict a belief.
-        relocalised: Whether the pose comes from a search of the whole map, so that the robot
-            stands elsewhere than it believed before.
+        points_m: (n, 2) the scan's hits in base_link at its stamp, without the motion during the
+            turn.
+        fix: The match that was given to the filter.
+        taken: Whether the filter accepted the fix.
+        informative: Whether the scan has enough points to contradict the belief.
+        relocalised: Whether the pose comes from a search of the whole map. Then it has jumped.
     """
 
     scan: LidarScan
@@ -82,14 +83,14 @@ class Located:
 
 
 class Localiser:
-    """Estimates the robot's pose and builds its map, one control period at a time.
+    """Estimator of the robot's pose and its map, one control period at a time.
 
     Attributes:
         ekf: The filter.
         slam: The map and the scan matcher.
-        health: What the robot thinks of its own localisation.
-        mapped: Whether the map holds anything yet.
-        messages: The messages of this period, for whoever records.
+        health: The health monitor of the localisation.
+        mapped: Whether the map has any content yet.
+        messages: The messages of this period, for the listeners.
     """
 
     def __init__(
@@ -101,7 +102,7 @@ class Localiser:
             config: All settings.
             start: (3,) x, y, yaw of base_link in map, m and rad.
             base_from_laser: (3,) x, y, yaw of the laser in base_link.
-            profiler: Takes the times of the stages "ekf" and "slam".
+            profiler: Measures the stages "ekf" and "slam".
         """
         period_s, scan_s = config.rates.control_s, config.rates.lidar_s
         self.ekf = Ekf(config.ekf, config.encoder, config.imu, config.vehicle, start, period_s)
@@ -123,19 +124,19 @@ class Localiser:
 
     @property
     def gave_up(self) -> bool:
-        """Whether the robot has been lost, or without scans, for too long."""
+        """Whether the robot has been lost, halted by misfits, or without scans for too long."""
         now_ns = self._estimate.t_ns
         return now_ns - self.health.sure_until_ns(now_ns) > _GIVE_UP_NS
 
     def predict(self, readings: Readings, driven: bool) -> Estimate:
-        """Bring the belief to the readings' instant with encoders and IMU.
+        """Advance the belief to the time of the readings with encoders and IMU.
 
         Args:
-            readings: The readings of this period; its scan, if any, is for ``match``.
-            driven: Whether the motors have a voltage. If not, counts that stand mean rest.
+            readings: The readings of this period. Its scan, if any, is for ``match``.
+            driven: Whether the motors have a voltage. If not, constant counts mean rest.
 
         Returns:
-            The belief now.
+            The present belief.
         """
         self.messages.clear()
         with self._time["ekf"]:
@@ -171,16 +172,16 @@ class Localiser:
         return estimate
 
     def match(self, scan: LidarScan, ignore: FloatArray | None) -> Located | None:
-        """Match a scan to the map and correct the belief of the scan's own instant.
+        """Match a scan to the map and correct the belief at the time of the scan.
 
         Args:
             scan: A full turn; it may have ended a while ago.
-            ignore: (n, 3) discs x, y, radius in map, m, of what moves: points on them are left
-                out. None: nothing moves.
+            ignore: (n, 3) discs x, y, radius in map, m, of moving obstacles; points on them are
+                not matched. None if nothing moves.
 
         Returns:
-            The scan with its pose. None if there is no such pose: the scan is older than the last
-            one or than the filter's memory, or the robot is lost and did not find itself.
+            The scan with its pose. None if the scan has no pose: it is older than the last scan or
+            than the filter's history, or the robot is lost and the search had no result.
         """
         belief = self.ekf.belief_at(scan.t_ns)
         if belief is None or (self._last_fix and scan.t_ns <= self._last_fix.t_ns):
@@ -205,16 +206,17 @@ class Localiser:
         return Located(scan, corrected[0], points, fix, taken, informative, relocalised)
 
     def enter(self, located: Located, mask: NDArray[np.bool_] | None) -> FloatArray:
-        """Enter the scan that was matched last in the map, if its pose can be trusted.
+        """Enter the last matched scan in the map, if its pose can be trusted.
 
         Args:
-            located: What ``match`` returned for it in this period.
-            mask: (n,) which of its points belong to moving things and stay out; None: none.
+            located: Result of ``match`` in this period.
+            mask: (n,) which of its points belong to moving obstacles and are not entered; None if
+                there are none.
 
         Returns:
-            (k, 2) in map, m, where cells became occupied by it.
+            (k, 2) in map, m, hit means of the cells that became occupied.
         """
-        # A scan too thin to be matched is entered where the other sensors place it.
+        # A scan with too few points for a match is entered at the pose of the other sensors.
         trusted = located.taken or not self.mapped or not located.informative
         surfaces = np.empty((0, 2))
         if trusted and not self.ekf.shove_var:
@@ -230,7 +232,7 @@ class Localiser:
         """End the period: publish the frames, and the health if it has changed.
 
         Returns:
-            The belief now, with all that came of this period's scan.
+            The present belief, corrected with this period's scan.
         """
         estimate = self._estimate
         with self._time["ekf"]:
@@ -251,14 +253,14 @@ class Localiser:
         return self.slam.match(scan, times, poses, pose, covariance, ignore)
 
     def _offer(self, fix: PoseFix) -> bool:
-        """Give a fix to the filter; if it is refused, look for an explanation and try again."""
+        """Give a fix to the filter. If it is refused, try to explain it and correct again."""
         if not fix.ok or not (self.ekf.correct(fix) or self._explain_and_correct(fix)):
             return False
         self._last_fix, self._bias_at_fix = fix, float(self.ekf.estimate().state[BIAS])
         return True
 
     def _explain_and_correct(self, fix: PoseFix) -> bool:
-        """Whether the fix was taken once the belief was widened by what explains it."""
+        """Explain the fix, widen the belief accordingly, and return whether the fix is accepted."""
         last = self._last_fix
         if last is None or fix.score < _POOR_SCORE:
             return False
@@ -284,7 +286,7 @@ class Localiser:
         return self.ekf.correct(fix)
 
     def _search_whole_map(self, scan: LidarScan, ignore: FloatArray | None) -> PoseFix | None:
-        """Find the scan in the whole map; it must be found twice in a row at the same place."""
+        """Search the whole map for the scan. Two searches in a row must give the same place."""
         slam = self.slam
         where = SearchMap(
             slam.origin_m, slam.resolution_m, slam.grid.distances(), slam.log_odds < 0.0
@@ -301,14 +303,14 @@ class Localiser:
         off = between(expected, fix.pose)
         if math.hypot(off[0], off[1]) > _AGREE_M or abs(off[2]) > _AGREE_RAD:
             return None
-        # All but the pose is kept; the gyro's bias may be what led the robot astray.
+        # Only the pose is replaced. The gyro's bias is widened: it may be the cause of the loss.
         self.ekf.reset_pose(fix.t_ns, fix.pose, fix.covariance + _RELOCALISED_COVARIANCE)
         deviations = np.zeros(STATES)
         deviations[BIAS] = _LEAST_BIAS_JUMP_RADPS
         self.ekf.widen(fix.t_ns, deviations)
         self.health.found()
         self._candidate = None
-        self.messages.append(Event(scan.t_ns, "info", "found itself in its map again"))
+        self.messages.append(Event(scan.t_ns, "info", "found its pose in the map again"))
         return fix
 
 

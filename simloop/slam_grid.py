@@ -1,6 +1,6 @@
-"""Grid SLAM: deskew each scan, match it to the map that earlier scans made, and enter it there.
+"""Deskew each scan, match it to the map of the earlier scans, and enter it there (grid SLAM).
 
-The map is a log-odds occupancy grid that grows as needed. Each cell also keeps the sums of its
+The map is a log-odds occupancy grid that grows when needed. Each cell also keeps the sums of its
 hits, so that surfaces are known finer than the cells. Unknown space counts as free (Sabiha 2022).
 """
 
@@ -22,12 +22,12 @@ from simloop.mapping.scan_match import deskew
 from simloop.messages import FloatArray, LidarScan, PoseFix, WorldView
 
 _LEAST_POINTS = 10  # a scan with fewer hits is not matched
-_LEAST_INFORMATION = 1e-3 * np.eye(3)  # keeps an uninformative match invertible
-_EDGE_PENALTY = 0.02  # of the search's score at the window's edge: of equals, the nearest wins
+_LEAST_INFORMATION = 1e-3 * np.eye(3)  # added, so that the information can be inverted
+_EDGE_PENALTY = 0.02  # taken off the score at the window's edge: the nearest of equals wins
 
 
 class GridSlam:
-    """The robot's map, and the pose fixes that it gives.
+    """Map of the robot, and the scan matcher that makes pose fixes with it.
 
     Attributes:
         grid: The map.
@@ -36,14 +36,14 @@ class GridSlam:
     """
 
     def __init__(self, config: SlamConfig, base_from_laser: FloatArray) -> None:
-        """Begin with an empty map, or with the one that the settings name.
+        """Start with an empty map, or with the map file in the settings.
 
         Args:
             config: Settings of the map and the matcher.
             base_from_laser: (3,) x, y, yaw of the laser in base_link, m and rad.
 
         Raises:
-            InputError: The named map cannot be read.
+            InputError: The map file cannot be read.
         """
         self._config, self._mount = config, np.ascontiguousarray(base_from_laser, np.float64)
         prior = Path(config.prior_map)
@@ -57,12 +57,12 @@ class GridSlam:
 
     @property
     def matched(self) -> int:
-        """How many points of the last scan were compared with the map."""
+        """Number of points of the last scan that were compared with the map."""
         return len(self._matched)
 
     @property
     def origin_m(self) -> FloatArray:
-        """(2,) lower left corner of the first cell, in map, m."""
+        """(2,) lower left corner of the first cell in map, m."""
         return self.grid.origin_m
 
     @property
@@ -84,20 +84,20 @@ class GridSlam:
         prior_covariance: FloatArray,
         ignore: FloatArray | None = None,
     ) -> PoseFix:
-        """Find where a scan fits the map.
+        """Find the pose at which a scan fits the map.
 
         Args:
             scan: A full turn of the LiDAR.
-            sweep_t_ns: (k,) rising stamps of the odometry during the turn.
+            sweep_t_ns: (k,) rising stamps of the odometry during the turn, ns.
             sweep_poses: (k, 3) x, y, yaw of base_link in odom at those stamps.
-            prior_pose: (3,) believed pose of base_link in map at the scan's end.
-            prior_covariance: (3, 3) of that belief.
-            ignore: (n, 3) discs x, y, radius in map, m, of what moves: points on them are not
-                compared. None: nothing moves.
+            prior_pose: (3,) predicted pose of base_link in map at the scan's end.
+            prior_covariance: (3, 3) covariance of the predicted pose.
+            ignore: (n, 3) discs x, y, radius in map, m, of moving obstacles; points on them are
+                not compared. None if nothing moves.
 
         Returns:
-            The pose of base_link in map at the scan's end. Its ``ok`` is False on an empty map,
-            with too few hits, or where the scan does not fit.
+            The pose of base_link in map at the scan's end. Its ``ok`` is False if the map is empty,
+            the scan has too few hits, or it does not fit.
         """
         self._deskew(scan, sweep_t_ns, sweep_poses)
         prior = np.array(prior_pose, np.float64)
@@ -107,8 +107,8 @@ class GridSlam:
             self._matched = np.ascontiguousarray(self.points_m[~ignored])
         if self.grid.scans == 0 or len(self._matched) < _LEAST_POINTS:
             return PoseFix(scan.t_ns, prior, np.array(prior_covariance), 0.0, False)
-        # The belief is mostly so good that the refinement converges from it. Where it is not, or
-        # where the refined pose does not fit, the whole window is searched.
+        # The prediction is usually so good that the refinement converges from it. If it is too
+        # uncertain, or if the refined pose does not fit, the whole window is searched.
         unsure = math.sqrt(max(prior_covariance[0, 0], prior_covariance[1, 1])) > 0.5 * (
             self.resolution_m
         )
@@ -125,19 +125,19 @@ class GridSlam:
     def insert(
         self, scan: LidarScan, pose: FloatArray, mask: NDArray[np.bool_] | None = None
     ) -> tuple[FloatArray, float]:
-        """Enter a scan in the map, unless the settings forbid to extend it.
+        """Enter a scan in the map, unless the settings forbid changes of the map.
 
-        A scan that ``match`` saw last is deskewed as it was there; any other is taken as if the
-        robot had stood during the turn.
+        If this is the scan of the last ``match``, its deskewed points are used. For any other scan,
+        the robot is assumed to have stood still during the turn.
 
         Args:
             scan: A full turn of the LiDAR.
             pose: (3,) x, y, yaw of base_link in map at the scan's end.
-            mask: (n,) which of ``points_m`` are left out; None: none.
+            mask: (n,) which of ``points_m`` are left out; None to use all.
 
         Returns:
-            (k, 2) in map, m, where cells became occupied by it, and their share of all cells in
-            which its beams ended.
+            The hit means (k, 2) in map, m, of the cells that became occupied, and their share of
+            all cells in which a beam ended.
         """
         if scan.t_ns != self._scan_t_ns:
             self._deskew(scan, np.array([scan.t_ns], np.int64), np.array([pose], np.float64))
@@ -149,15 +149,15 @@ class GridSlam:
         return self.grid.insert(points, origins, np.array(pose, np.float64))
 
     def view(self, t_ns: int, goal: FloatArray, surfaces_m: FloatArray | None = None) -> WorldView:
-        """Return the map as a planner sees it.
+        """Make the view of the map for a planner.
 
         Args:
-            t_ns: Stamp of the view.
-            goal: (2,) in map, m; the bounds reach beyond it.
-            surfaces_m: (k, 2) in map, m, further surfaces that no scan shows; None: none.
+            t_ns: Stamp of the view, ns.
+            goal: (2,) in map, m; the bounds extend beyond it.
+            surfaces_m: (k, 2) in map, m, additional surfaces that no scan shows; None for none.
 
         Returns:
-            Distance field, obstacle discs and bounds; nothing moves in it.
+            Distance field, obstacle discs and bounds, without moving obstacles.
         """
         grid = self.grid
         if surfaces_m is not None and len(surfaces_m):
@@ -195,10 +195,10 @@ class GridSlam:
         return share >= self._config.least_overlap and residual <= self._config.most_residual
 
     def _covariance(self, information: FloatArray, residual: float) -> FloatArray:
-        """(3, 3): what the match leaves open, and the grain of the cells as a floor.
+        """Return the covariance (3, 3) of the match, with a floor for the size of the cells.
 
-        A direction that no surface holds, as along a corridor, has no information and so a large
-        variance. The map's own error is not in it: it is the same for one fix after the other.
+        An unobservable direction, as along a corridor, has no information and so a large variance.
+        The map's own error is not included, because it is the same in successive fixes.
         """
         scaled = inverse_3(information + _LEAST_INFORMATION)
         covariance = scaled * max(residual, 0.1) + self._floor

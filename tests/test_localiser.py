@@ -115,7 +115,7 @@ def test_a_robot_carried_off_says_that_it_is_lost_and_finds_itself():
         if located is not None and located.relocalised:
             found.append(located)
             texts = [m.text for m in own.messages if isinstance(m, Event)]
-            assert any("found itself" in text for text in texts)
+            assert any("found its pose" in text for text in texts)
     assert "lost" in states and states[-1] != "lost"
     assert len(found) == 1
     np.testing.assert_allclose(found[0].pose, ELSEWHERE, atol=0.02)

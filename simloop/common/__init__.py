@@ -1,1 +1,1 @@
-"""What every package may use: errors, checked quantities, files, the terminal, worker pools."""
+"""Common tools for all packages: errors, checked quantities, files, the terminal, worker pools."""

@@ -1,4 +1,4 @@
-"""Reports which numba kernels are being compiled, so that a user knows why a start takes long."""
+"""Report which numba kernels are being compiled, so that the user knows why a start is slow."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Any
 from numba.core import event as numba_event
 
 Report = Callable[[str, int], None]
-"""Called with a kernel's name and its number, 1 for the first kernel that is compiled."""
+"""Function that takes a kernel's name and its number, 1 for the first kernel compiled."""
 
 
 def silent(name: str, count: int) -> None:
-    """Report nothing: a ``Report`` for callers who show no progress.
+    """Report nothing. This is the ``Report`` of callers that show no progress.
 
     Args:
         name: The kernel's name.
@@ -22,17 +22,17 @@ def silent(name: str, count: int) -> None:
 
 
 class CompileListener(numba_event.Listener):
-    """Counts and reports each kernel that is compiled. Kernels from the cache do not count.
+    """Listener that counts and reports each compiled kernel. Kernels from the cache do not count.
 
     Attributes:
-        count: How many kernels have been compiled so far.
+        count: Number of kernels compiled so far.
     """
 
     def __init__(self, report: Report) -> None:
         self._report, self.count = report, 0
 
     def on_start(self, event: Any) -> None:
-        """Report a kernel. numba calls this when it begins to compile the kernel.
+        """Count and report a kernel. numba calls this when it starts to compile the kernel.
 
         Args:
             event: numba's event.
@@ -41,7 +41,7 @@ class CompileListener(numba_event.Listener):
         self._report(event.data["dispatcher"].py_func.__name__, self.count)
 
     def on_end(self, event: Any) -> None:
-        """Do nothing. numba calls this when a kernel is compiled.
+        """Do nothing. numba calls this when it has compiled a kernel.
 
         Args:
             event: numba's event.

@@ -1,4 +1,4 @@
-"""Finds the data files: beside the package in a checkout, inside it in an installed wheel."""
+"""Find the data files: beside the package in a checkout, inside it in an installed wheel."""
 
 from __future__ import annotations
 

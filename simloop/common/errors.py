@@ -1,4 +1,4 @@
-"""The error for wrong input, and how its message suggests what to write instead."""
+"""Define the error for wrong input, and suggest the right name in its message."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from collections.abc import Iterable
 
 
 class InputError(ValueError):
-    """The user's input is wrong. The command line prints the message and ends with exit code 2.
+    """Error for wrong input. The command line prints the message and ends with exit code 2.
 
-    The message is one line: where the input is wrong, what is wrong, and what is allowed.
+    The message is one line. It says where the input is wrong, what is wrong, and what is allowed.
     """
 
     def __init__(self, message: str) -> None:
@@ -25,11 +25,11 @@ def did_you_mean(given: str, choices: Iterable[str]) -> str:
     """Make the end of a message about an unknown name.
 
     Args:
-        given: What the user wrote.
-        choices: The names that are allowed.
+        given: The name that the user wrote.
+        choices: The allowed names.
 
     Returns:
-        `` (did you mean 'x'?); choices: a, b, x``. The question is left out if no name is close.
+        `` (did you mean 'x'?); choices: a, b, x``. Without the question if no name is similar.
     """
     names = sorted(choices)
     close = difflib.get_close_matches(given, names, n=1, cutoff=0.6)

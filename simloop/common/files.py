@@ -1,4 +1,4 @@
-"""Checks that output files can be written, and writes each file as a whole or not at all."""
+"""Check that output files can be written, and write each file as a whole or not at all."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from simloop.common.errors import InputError
 
 
 def check_file(path: Path, flag: str) -> None:
-    """Check that a file can be written. Nothing is left behind.
+    """Check that a file can be written, without creating it.
 
     Args:
         path: The file. Its directory need not exist yet.
@@ -31,14 +31,14 @@ def check_file(path: Path, flag: str) -> None:
 
 
 def check_directory(path: Path, flag: str) -> None:
-    """Check that files can be made in a directory, or in its nearest parent that exists.
+    """Check that files can be created in a directory, or in its nearest existing parent.
 
     Args:
         path: The directory.
         flag: The option that names the directory, for the error message.
 
     Raises:
-        InputError: If no file can be made there.
+        InputError: If no file can be created there.
     """
     _check_place(path, f"{flag} {path}")
 
@@ -50,7 +50,7 @@ def _check_place(directory: Path, what: str) -> None:
     if not place.is_dir():
         raise InputError(f"{what}: {place} is not a directory")
     try:
-        # Permissions do not tell it all: the file system may be read-only, full or virtual.
+        # Permissions are not enough: the file system may be read-only, full or virtual.
         with tempfile.TemporaryFile(dir=place):
             pass
     except OSError as error:
@@ -80,11 +80,11 @@ def write_bytes(path: Path, data: bytes) -> None:
     Raises:
         InputError: If the file cannot be written, e.g. because the disk is full.
     """
-    # Written beside its place and moved there at the end: a reader never sees half a file.
+    # Write a partial file beside the target and rename it, so that a reader never sees half a file.
     partial = path.with_name(f".{path.name}.partial")
     try:
         if path.exists() and not path.is_file():
-            path.write_bytes(data)  # a device or a pipe: nothing to move
+            path.write_bytes(data)  # a device or a pipe cannot be replaced
             return
         partial.write_bytes(data)
         partial.replace(path)

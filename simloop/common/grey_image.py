@@ -1,4 +1,4 @@
-"""Reads grey images that describe the ground: heights or friction."""
+"""Read grey images that describe the ground: heights or friction."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def read_grey(file: str) -> FloatArray:
     """Read a grey image.
 
     Args:
-        file: A PNG file with 8 or 16 bits for each pixel.
+        file: A PNG file with 8 or 16 bits per pixel.
 
     Returns:
         (rows, columns) brightness from 0 (black) to 1 (white). Row 0 is the lower edge of the

@@ -1,4 +1,4 @@
-"""Puts pictures into an HTML page itself, so that the page needs no other file."""
+"""Embed images in an HTML page, so that the page needs no other file."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ def embedded(data: bytes, kind: str = "png", alt: str = "") -> str:
     """Make an HTML ``img`` element from an image file's bytes.
 
     Args:
-        data: The bytes.
+        data: The bytes of the image file.
         kind: The image format: ``png`` or ``jpeg``.
-        alt: The text that stands for the image where it cannot be shown.
+        alt: The text that is shown if the image cannot be shown.
 
     Returns:
         The element.
@@ -27,7 +27,7 @@ def drawn(figure: Any, alt: str = "") -> str:
 
     Args:
         figure: The figure.
-        alt: The text that stands for the image where it cannot be shown.
+        alt: The text that is shown if the image cannot be shown.
 
     Returns:
         The element, with a PNG image inside.

@@ -1,4 +1,4 @@
-"""Reads maps in the format of ROS map_server: a YAML file and a PGM image.
+"""Read maps in the format of ROS map_server: a YAML file and a PGM image.
 
 The format is described at http://wiki.ros.org/map_server.
 """
@@ -16,10 +16,10 @@ from simloop.common.errors import InputError
 from simloop.messages import FloatArray
 
 OCCUPIED_ABOVE, FREE_BELOW = 0.65, 0.196
-"""map_server's defaults: the occupancy above which a cell is occupied, and below which free."""
+"""Default thresholds of map_server: a cell is occupied above the first, free below the second."""
 
-_SURE = 2.0  # log-odds of a cell that the file calls occupied; -_SURE: free
-_MOST_CELLS = 400_000_000
+_SURE = 2.0  # log-odds of an occupied cell; a free cell has -_SURE
+_MOST_CELLS = 400_000_000  # most cells that a map can have
 _NEEDS = ("image", "resolution", "origin")
 _MODES = ("trinary", "scale", "raw")
 
@@ -31,9 +31,9 @@ def read_cells(yaml_file: Path) -> tuple[float, FloatArray, NDArray[np.float32]]
         yaml_file: The map's YAML file. It names the image, which must be a PGM file.
 
     Returns:
-        The size of a cell, m; the map frame's (2,) position of the corner with the smallest x and
-        y, m; and the (rows, columns) log-odds of the cells, indexed [iy, ix]: above 0 occupied,
-        below 0 free, 0 unknown.
+        The side of a cell, m; the position (2,) in map of the corner with the smallest x and y, m;
+        and the log-odds (rows, columns) of the cells, indexed [iy, ix]: positive if occupied,
+        negative if free, 0 if unknown.
 
     Raises:
         InputError: If a file cannot be read or is not a map.
@@ -41,7 +41,7 @@ def read_cells(yaml_file: Path) -> tuple[float, FloatArray, NDArray[np.float32]]
     facts = _read_yaml(yaml_file)
     for key in _NEEDS:
         if key not in facts:
-            raise InputError(f"{yaml_file}: {key} is missing; needed are {', '.join(_NEEDS)}")
+            raise InputError(f"{yaml_file}: {key} is missing; required: {', '.join(_NEEDS)}")
     resolution = _number(yaml_file, facts, "resolution")
     origin = _numbers(yaml_file, facts["origin"])
     if not 0.005 <= resolution <= 1.0:
@@ -65,16 +65,16 @@ def read_cells(yaml_file: Path) -> tuple[float, FloatArray, NDArray[np.float32]]
 def _log_odds(
     grey: NDArray[np.uint8], mode: str, negate: bool, above: float, below: float
 ) -> NDArray[np.float32]:
-    """(rows, columns) log-odds of an image's cells by map_server's rules for its modes."""
+    """Compute the log-odds (rows, columns) of an image's cells by map_server's rules."""
     if mode == "raw":
-        # In mode raw a pixel is an occupancy of 0 to 100 %; greater values mean unknown.
+        # In mode raw a pixel is an occupancy of 0 to 100 %. Greater values are unknown.
         occupied, free = (grey >= 100 * above) & (grey <= 100), grey <= 100 * below
     else:
         chance = grey / 255.0 if negate else (255.0 - grey) / 255.0
         occupied, free = chance > above, chance < below
     odds = np.zeros(grey.shape, np.float32)
     odds[free], odds[occupied] = -_SURE, _SURE
-    if mode == "scale":  # between the thresholds the occupancy grows linearly
+    if mode == "scale":  # the occupancy is linear between the thresholds
         between = ~(free | occupied)
         share = np.clip((chance[between] - below) / max(1e-9, above - below), 0.02, 0.98)
         odds[between] = np.log(share / (1.0 - share))
@@ -85,7 +85,7 @@ def read_pgm(path: Path) -> NDArray[np.uint8]:
     """Read a PGM image.
 
     Args:
-        path: The file: binary (P5) or plain (P2), with 8 bits for each pixel.
+        path: The file: binary (P5) or plain (P2), with 8 bits per pixel.
 
     Returns:
         (rows, columns) brightness, scaled to 0 to 255. Row 0 is the upper edge.
@@ -124,7 +124,7 @@ def read_pgm(path: Path) -> NDArray[np.uint8]:
 
 
 def _read_yaml(path: Path) -> dict[str, str]:
-    """The ``key: value`` lines of a flat YAML file. The items of a list may be lines ``- item``."""
+    """Read the ``key: value`` lines of a flat YAML file. List items may be lines ``- item``."""
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:

@@ -1,6 +1,6 @@
-"""Runs many independent work items on an executor: processes of this machine, or a cluster.
+"""Run many independent work items on an executor: processes of this machine, or a cluster.
 
-The items are handed out a few at a time, and each result is given back as soon as it is there.
+A few items are submitted at a time. Each result is returned as soon as it is ready.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ from typing import Any, Generic, TypeVar
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-_ITEMS_PER_WORKER = 2  # under way: no worker waits for work, and little is lost with a pool
-_CHECK_STOP_EVERY_S = 0.2
+_ITEMS_PER_WORKER = 2  # submitted per worker: none waits for work, and a broken pool loses few
+_CHECK_STOP_EVERY_S = 0.2  # longest wait between two calls of ``stop``
 
 
 @dataclass(frozen=True, slots=True)
 class Workers:
-    """Where work items are worked on.
+    """Description of the workers that process the items.
 
     Attributes:
         make_pool: Makes the executor. It is called again if a worker died.
-        count: How many items are worked on at the same time.
-        deaths: What a future of the executor raises if its worker died.
+        count: Number of items that are processed at the same time.
+        deaths: Exceptions that a future of the executor raises if its worker died.
     """
 
     make_pool: Callable[[], Executor]
@@ -44,23 +44,23 @@ class Workers:
 
 
 class WorkerPool(ProcessPoolExecutor):
-    """A process pool whose own workers can be ended at once.
+    """Process pool whose workers can be ended at once.
 
-    Each worker starts as a fresh interpreter and ignores Ctrl-C: the parent process decides when
-    its workers end.
+    Each worker starts as a new interpreter. It ignores Ctrl-C, because the parent process decides
+    when its workers end.
     """
 
     def __init__(self, workers: int) -> None:
         """Prepare the pool. A worker process starts when there is work for it.
 
         Args:
-            workers: The greatest number of processes, at least 1.
+            workers: Largest number of processes, at least 1.
         """
         self._context = _RecordingContext()
         super().__init__(workers, self._context, _ignore_interrupts)
 
     def end_workers(self) -> None:
-        """Give up all work and end the processes of this pool, and no other process."""
+        """Cancel all work and end the processes of this pool, but no other process."""
         self.shutdown(wait=False, cancel_futures=True)
         for process in self._context.started:
             if process.is_alive():
@@ -71,7 +71,7 @@ def local_workers(count: int) -> Workers:
     """Describe worker processes on this machine.
 
     Args:
-        count: The number of processes, at least 1.
+        count: Number of processes, at least 1.
 
     Returns:
         The workers. No process starts before there is work.
@@ -87,33 +87,33 @@ def run_all(
     when_lost: Callable[[Item], Result],
     stop: Callable[[], bool] = lambda: False,
 ) -> Generator[tuple[Item, Result], None, None]:
-    """Do the work of every item and give the results in the order in which they are finished.
+    """Process all items and yield the results in the order in which they are finished.
 
-    If a worker process dies, its pool breaks, and all items in that pool lose their results. The
-    pool is then made anew, and these items are tried again one at a time. An item that loses its
-    pool once more, while it is alone in it, is given up.
+    If a worker process dies, its pool breaks, and the unfinished items in that pool lose their
+    results. Then a new pool is made, and these items are tried again one at a time. An item that
+    breaks its pool again, while it is alone in it, is abandoned.
 
     If the caller stops iterating, or is interrupted, the workers of the pool are ended at once.
 
     Args:
         items: The work items. Each must be picklable if the workers are processes.
         work: The function that makes an item's result. Picklable like the items.
-        workers: Where the items are worked on.
-        when_lost: Makes the result of an item that was given up, or raises.
-        stop: Asked several times a second. Once it returns True no further item is begun; the
-            items that a worker has begun are finished.
+        workers: The workers that process the items.
+        when_lost: Makes the result of an abandoned item, or raises.
+        stop: Called several times a second. After it returns True no further item is started;
+            items that a worker has started are finished.
 
     Yields:
         Pairs of an item and its result.
 
     Raises:
-        Exception: Whatever ``work`` or ``when_lost`` raises. The remaining items are given up.
+        Exception: Any exception of ``work`` or ``when_lost``. The remaining items are abandoned.
     """
     waiting, suspects = deque(items), deque[Item]()
     pool, alone = _Pool(work, workers), False
     try:
         while (waiting or suspects or pool.busy) and not stop():
-            # The last suspect too has the pool for itself until it is finished.
+            # Each suspect is alone in the pool until it is finished, the last one too.
             alone = bool(suspects) or (alone and pool.busy)
             if alone:
                 pool.submit_from(suspects, 1)
@@ -126,13 +126,13 @@ def run_all(
             else:
                 suspects.extend(lost)
         yield from pool.finish()
-    except BaseException:  # also GeneratorExit: nobody waits for the results any more
+    except BaseException:  # including GeneratorExit: the caller no longer needs the results
         pool.abandon()
         raise
 
 
 class _Pool(Generic[Item, Result]):
-    """An executor and the items it works on. It is made anew when it is found to be broken."""
+    """Executor and its unfinished items. A broken executor is replaced by a new one."""
 
     def __init__(self, work: Callable[[Item], Result], workers: Workers) -> None:
         self._work, self._workers, self._deaths = work, workers, workers.deaths
@@ -144,7 +144,7 @@ class _Pool(Generic[Item, Result]):
         return bool(self._under_way)
 
     def submit_from(self, queue: deque[Item], most: int) -> None:
-        """Take items from the queue until ``most`` are under way."""
+        """Submit items from the queue until ``most`` are unfinished."""
         while queue and len(self._under_way) < most:
             try:
                 future = self._executor.submit(self._work, queue[0])
@@ -154,10 +154,10 @@ class _Pool(Generic[Item, Result]):
             self._under_way[future] = queue.popleft()
 
     def collect(self) -> tuple[list[tuple[Item, Result]], list[Item]]:
-        """Wait a moment; the items with a result, and those that a broken executor lost."""
+        """Wait briefly; return the items with a result, and those that a broken executor lost."""
         done, _ = wait(self._under_way, _CHECK_STOP_EVERY_S, FIRST_COMPLETED)
         if self._broken or any(isinstance(f.exception(), self._deaths) for f in done):
-            # A broken executor ends every future, so none of them is left behind.
+            # A broken executor ends all its futures, so this wait returns.
             done, _ = wait(self._under_way)
             self._executor.shutdown(wait=False)
             self._executor, self._broken = self._workers.make_pool(), False
@@ -172,7 +172,7 @@ class _Pool(Generic[Item, Result]):
         return finished, lost
 
     def finish(self) -> Iterator[tuple[Item, Result]]:
-        """Drop what no worker has begun, give the results of the rest, and end the executor."""
+        """Cancel the items not yet started, yield the other results, and end the executor."""
         for future in self._under_way:
             future.cancel()
         for future, item in self._under_way.items():
@@ -182,7 +182,7 @@ class _Pool(Generic[Item, Result]):
         self._executor.shutdown(wait=True)
 
     def abandon(self) -> None:
-        """Give up everything that is under way."""
+        """Cancel all unfinished items."""
         for future in self._under_way:
             future.cancel()
         if isinstance(self._executor, WorkerPool):
@@ -192,7 +192,7 @@ class _Pool(Generic[Item, Result]):
 
 
 class _RecordingContext(SpawnContext):
-    """The ``spawn`` way of starting processes, which remembers the processes that it made."""
+    """Multiprocessing context ``spawn`` that remembers the processes it has started."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -205,5 +205,5 @@ class _RecordingContext(SpawnContext):
 
 
 def _ignore_interrupts() -> None:
-    """Ctrl-C in a terminal reaches the workers too, but their parent decides what it means."""
+    """Ignore Ctrl-C. A terminal sends it to the workers too, but their parent must handle it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)

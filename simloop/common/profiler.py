@@ -1,4 +1,4 @@
-"""Measures the wall time of each stage of the loop. No decision depends on it."""
+"""Measure the wall time of each stage of the loop. No decision depends on it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 class StageTimer:
-    """A reusable context manager that measures the duration of each of its uses.
+    """Reusable context manager that measures the duration of each of its uses.
 
     Attributes:
         durations_ns: The duration of every use, ns.
@@ -32,15 +32,15 @@ class StageTimer:
 
     @property
     def milliseconds(self) -> list[float]:
-        """The duration of every use in order, ms."""
+        """Duration of every use, in order, ms."""
         return [duration * 1e-6 for duration in self.durations_ns]
 
 
 class Stopwatch(Protocol):
-    """What the loop needs of a profiler."""
+    """Interface of a profiler for the loop."""
 
     def stage(self, name: str) -> AbstractContextManager[None]:
-        """Give the context manager that measures a stage.
+        """Return the context manager that measures a stage.
 
         Args:
             name: The stage's name.
@@ -51,7 +51,7 @@ class Stopwatch(Protocol):
         ...
 
     def wrap(self, name: str, function: Function) -> Function:
-        """Make a function that is measured as a stage at each call.
+        """Wrap a function, so that each call is measured as a stage.
 
         Args:
             name: The stage's name.
@@ -64,13 +64,13 @@ class Stopwatch(Protocol):
 
 
 class Profiler:
-    """Measures named stages. Get a stage once and keep it; then each use costs about 0.2 us."""
+    """Profiler of named stages. Get a stage once and keep it: each use then costs about 0.2 us."""
 
     def __init__(self) -> None:
         self._stages: dict[str, StageTimer] = {}
 
     def stage(self, name: str) -> StageTimer:
-        """Give the timer of a stage.
+        """Return the timer of a stage.
 
         Args:
             name: The stage's name.
@@ -81,7 +81,7 @@ class Profiler:
         return self._stages.setdefault(name, StageTimer())
 
     def wrap(self, name: str, function: Function) -> Function:
-        """Make a function that is measured as a stage at each call.
+        """Wrap a function, so that each call is measured as a stage.
 
         Args:
             name: The stage's name.
@@ -99,14 +99,14 @@ class Profiler:
         return timed  # type: ignore[return-value]
 
     def summary(self, wall_time_s: float) -> dict[str, dict[str, float]]:
-        """Sum up the stages.
+        """Summarise the stages.
 
         Args:
-            wall_time_s: The wall time of everything together, s.
+            wall_time_s: Total wall time, s.
 
         Returns:
-            For each stage that was used: its mean and greatest duration ``mean_ms`` and
-            ``worst_ms``, its ``share`` of the wall time (0 to 1), and how many ``calls`` it had.
+            For each used stage: its mean and longest duration ``mean_ms`` and ``worst_ms``, its
+            ``share`` of the wall time (0 to 1), and its number of ``calls``.
         """
         table = {}
         for name, timer in self._stages.items():
@@ -122,12 +122,12 @@ class Profiler:
 
 
 class NullProfiler:
-    """Measures nothing and costs nothing."""
+    """Profiler that measures nothing and takes no time."""
 
     _nothing: AbstractContextManager[None] = nullcontext()
 
     def stage(self, name: str) -> AbstractContextManager[None]:
-        """Give a context manager that does nothing.
+        """Return a context manager that does nothing.
 
         Args:
             name: The stage's name.
@@ -138,7 +138,7 @@ class NullProfiler:
         return self._nothing
 
     def wrap(self, name: str, function: Function) -> Function:
-        """Leave a function as it is.
+        """Return a function unchanged.
 
         Args:
             name: The stage's name.

@@ -1,4 +1,4 @@
-"""The kinds of numbers that settings are made of, and the checks that settings share."""
+"""Define the types of numbers in the settings, and the checks that settings share."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Annotated
 from pydantic import ConfigDict, Field
 from pydantic_core import PydanticCustomError
 
-# The limits are wider than any sensible setting, and so narrow that nothing overflows and no
-# simulation takes for ever.
+# The limits are wider than any sensible setting. They are narrow enough that nothing overflows and
+# that every simulation ends.
 Coordinate = Annotated[float, Field(ge=-1e4, le=1e4)]
 """A coordinate, m."""
 
@@ -16,12 +16,12 @@ Point = tuple[Coordinate, Coordinate]
 """A point x, y in the map frame, m."""
 
 STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
-"""For pydantic models: unknown keys, infinity and NaN are errors."""
+"""Configuration of pydantic models: unknown keys, infinity and NaN are errors."""
 
 Positive = Annotated[float, Field(gt=0.0, le=1e6)]
 NonNegative = Annotated[float, Field(ge=0.0, le=1e6)]
 Length = Annotated[float, Field(gt=0.0, le=10.0)]
-"""A length of the robot or of something near it, m."""
+"""A length of the robot or of an object near it, m."""
 
 Period = Annotated[float, Field(gt=0.0, le=3600.0)]
 """The time between two events, s."""
@@ -45,33 +45,33 @@ def to_ns(seconds: float) -> int:
 
 
 def reject(message: str) -> PydanticCustomError:
-    """Make the error for keys that do not fit together.
+    """Make the error for keys that contradict each other.
 
     Args:
         message: The text, which names the keys.
 
     Returns:
-        The error, for a pydantic validator to raise.
+        The error, to be raised by a pydantic validator.
     """
-    # The text is data, not a template: braces in it must stay as they are.
+    # The text is data, not a template: its braces must not be changed.
     return PydanticCustomError("keys_clash", "{text}", {"text": message})
 
 
 def has_area(min_m: tuple[float, float], max_m: tuple[float, float]) -> bool:
-    """Tell whether two corners span a rectangle.
+    """Return whether two corners span a rectangle.
 
     Args:
         min_m: The corner with the smaller x and y, m.
         max_m: The opposite corner, m.
 
     Returns:
-        True if the first is smaller in x and in y.
+        True if the first corner is smaller in x and in y.
     """
     return min_m[0] < max_m[0] and min_m[1] < max_m[1]
 
 
 def check_range(section: str, least_m: float, most_m: float) -> None:
-    """Check that a sensor's smallest range is below its greatest range.
+    """Check that a sensor's smallest range is less than its greatest range.
 
     Args:
         section: The section of the settings that has the keys ``range_min_m`` and ``range_max_m``.
@@ -79,7 +79,7 @@ def check_range(section: str, least_m: float, most_m: float) -> None:
         most_m: The greatest range, m.
 
     Raises:
-        PydanticCustomError: If it is not.
+        PydanticCustomError: If the smallest range is not less.
     """
     if least_m >= most_m:
         raise reject(
@@ -89,7 +89,9 @@ def check_range(section: str, least_m: float, most_m: float) -> None:
 
 
 def check_multiple(slow: str, long_s: float, fast: str, short_s: float) -> None:
-    """Check that a period is a whole multiple of another. Both are rounded to nanoseconds.
+    """Check that a period is a whole multiple of another one.
+
+    Both are first rounded to nanoseconds.
 
     Args:
         slow: The key of the longer period.
@@ -98,7 +100,7 @@ def check_multiple(slow: str, long_s: float, fast: str, short_s: float) -> None:
         short_s: The shorter period, s.
 
     Raises:
-        PydanticCustomError: If it is not.
+        PydanticCustomError: If the longer period is not a whole multiple of the shorter one.
     """
     if to_ns(short_s) < 1 or to_ns(long_s) % to_ns(short_s) or to_ns(long_s) < 1:
         raise reject(f"{slow} = {long_s:g} s is not a whole multiple of {fast} = {short_s:g} s")

@@ -1,4 +1,4 @@
-"""Shows progress and tables in the terminal."""
+"""Show progress and tables in the terminal."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from rich.progress import BarColumn, Progress, TextColumn
 
 @contextmanager
 def compiling(console: Console) -> Iterator[Callable[[str, int], None]]:
-    """Show which kernel is being compiled. Nothing is shown if none is.
+    """Show which kernel is being compiled. Show nothing if all kernels are cached.
 
     Args:
-        console: Where it is shown.
+        console: The console to use.
 
     Yields:
         A function to call with a kernel's name and number before it is compiled.
@@ -46,11 +46,11 @@ def compiling(console: Console) -> Iterator[Callable[[str, int], None]]:
 def progress_bar(
     console: Console, distance_m: float, time_limit_s: float
 ) -> Iterator[Callable[[float, float], None]]:
-    """Show how far the robot has come, with the simulated time. Terminals only.
+    """Show the robot's progress and the simulated time, if the console is a terminal.
 
     Args:
-        console: Where it is shown. Nothing is shown if it is not a terminal.
-        distance_m: The distance to the goal at the start, m.
+        console: The console to use. Nothing is shown if it is not a terminal.
+        distance_m: Distance to the goal at the start, m.
         time_limit_s: The run's time limit, simulated s.
 
     Yields:
@@ -74,15 +74,15 @@ def progress_bar(
 
 @contextmanager
 def counting(console: Console, what: str, total: int) -> Iterator[Callable[[int], None]]:
-    """Show how many of a number of things are done. Terminals only.
+    """Show how many of a number of items are done, if the console is a terminal.
 
     Args:
-        console: Where it is shown. Nothing is shown if it is not a terminal.
-        what: What is counted, e.g. ``scans``.
-        total: How many there are.
+        console: The console to use. Nothing is shown if it is not a terminal.
+        what: Name of the items, e.g. ``scans``.
+        total: Number of items.
 
     Yields:
-        A function to call with the number that is done.
+        A function to call with the number of items done.
     """
     columns = (
         TextColumn(what),
@@ -98,13 +98,13 @@ def counting(console: Console, what: str, total: int) -> Iterator[Callable[[int]
 
 @contextmanager
 def checking(console: Console) -> Iterator[Callable[[str, int], None]]:
-    """Show what is being checked. Terminals only.
+    """Show the progress of checks, if the console is a terminal.
 
     Args:
-        console: Where it is shown. Nothing is shown if it is not a terminal.
+        console: The console to use. Nothing is shown if it is not a terminal.
 
     Yields:
-        A function to call with the name of what was checked and the number of checks done.
+        A function to call with the name of the last check and the number of checks done.
     """
     status = console.status("checking")
     if console.is_terminal:
@@ -121,10 +121,10 @@ def print_table(
     """Print a table. Its lines are never wrapped, so that scripts can read it.
 
     Args:
-        console: Where it is printed.
-        title: A line above the table. Empty: no such line.
+        console: The console to print to.
+        title: A line above the table; empty for no such line.
         header: The columns' names.
-        rows: The rows, each with a text for each column.
+        rows: The rows, each with one text per column.
     """
     widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
 

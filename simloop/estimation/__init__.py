@@ -1,1 +1,1 @@
-"""State estimation: the filter's models, odometry, health, and finding a lost robot."""
+"""State estimation: filter models, odometry, health monitoring, and relocalisation."""

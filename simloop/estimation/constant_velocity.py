@@ -1,6 +1,6 @@
-"""A Kalman filter for a moving point with nearly constant velocity: white-noise acceleration.
+"""Estimate a point of nearly constant velocity with a Kalman filter (white-noise acceleration).
 
-Bar-Shalom et al. 2001, Sec. 6.3: the acceleration is constant over each step.
+The model is that of Bar-Shalom et al. 2001, Sec. 6.3: the acceleration is constant over each step.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from simloop.messages import FloatArray
 
 
 class ConstantVelocity:
-    """Estimates position and velocity of one point; the state is x, y, vx, vy in map."""
+    """Kalman filter of the position and velocity of one point; state x, y, vx, vy in map."""
 
     def __init__(
         self,
@@ -24,12 +24,12 @@ class ConstantVelocity:
         speed_std_mps: float,
         acceleration_mps2: float,
     ) -> None:
-        """Start at a first sighting, with zero velocity.
+        """Start at a first observation, with zero velocity.
 
         Args:
-            place_m: (2,) in map, where the point was seen.
-            t_ns: When.
-            place_std_m: Standard deviation of a sighting along one axis, m.
+            place_m: (2,) observed position in map, m.
+            t_ns: Time of the observation, ns.
+            place_std_m: Standard deviation of an observed position along one axis, m.
             speed_std_mps: Standard deviation of the first velocity along one axis, m/s.
             acceleration_mps2: Standard deviation of the acceleration along one axis, m/s^2.
         """
@@ -41,7 +41,7 @@ class ConstantVelocity:
 
     @property
     def place(self) -> FloatArray:
-        """(2,) position in map at the last predicted instant, m."""
+        """(2,) position in map at the last predicted time, m."""
         return self._filter.x[:2]
 
     @property
@@ -55,10 +55,12 @@ class ConstantVelocity:
         return math.sqrt(0.5 * float(self._filter.P[0, 0] + self._filter.P[1, 1]))
 
     def place_at(self, t_ns: int) -> FloatArray:
-        """Return the position at another instant, if the velocity stays as it is.
+        """Extrapolate the position to another time at constant velocity.
+
+        The state does not change.
 
         Args:
-            t_ns: The instant; the state does not change.
+            t_ns: The time, ns.
 
         Returns:
             (2,) in map, m.
@@ -66,10 +68,10 @@ class ConstantVelocity:
         return self.place + 1e-9 * (t_ns - self._t_ns) * self.velocity
 
     def predict(self, t_ns: int) -> None:
-        """Predict the state to an instant.
+        """Predict the state to a later time.
 
         Args:
-            t_ns: The instant, not before the last one.
+            t_ns: The time, ns, not before the last one.
         """
         dt = 1e-9 * (t_ns - self._t_ns)
         self._t_ns = t_ns
@@ -79,9 +81,9 @@ class ConstantVelocity:
         self._filter.predict(F=motion, Q=self._acceleration**2 * gain @ gain.T)
 
     def update(self, place_m: FloatArray) -> None:
-        """Correct the state with a sighting at the last predicted instant.
+        """Correct the state with an observation at the last predicted time.
 
         Args:
-            place_m: (2,) in map, m.
+            place_m: (2,) observed position in map, m.
         """
         self._filter.update(place_m)

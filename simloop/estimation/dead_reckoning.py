@@ -1,9 +1,9 @@
-"""Dead reckoning: two odometry paths that no fix ever moves, so that they are smooth (REP-105).
+"""Compute two odometry paths by dead reckoning. No LiDAR fix moves them: they are smooth (REP-105).
 
-``odom_from_base`` adds up the filter's speeds, to which wheels, gyro and LiDAR all contribute.
-``odom_from_base_by_wheels`` adds up the encoder counts only, with the centres of rotation that the
-filter has learnt. It shows what the tracks alone are worth, and is one of the measurements that
-``motion_votes`` compares.
+``odom_from_base`` integrates the filter's speeds, to which wheels, gyro and LiDAR all contribute.
+``odom_from_base_by_wheels`` integrates the encoder counts only, with the centres of rotation that
+the filter has estimated. It shows how accurate the tracks alone are. It is also one of the
+measurements that ``motion_votes`` compares.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ def move(pose: FloatArray, forward: float, lateral: float, turned: float) -> Non
 
     Args:
         pose: (3,) x, y, yaw, m and rad.
-        forward: Way along the pose's own x, m.
-        lateral: Way along its own y, m.
-        turned: Turn on the way, rad.
+        forward: Distance along the pose's own x, m.
+        lateral: Distance along the pose's own y, m.
+        turned: Turn along the arc, rad.
     """
     middle = pose[2] + 0.5 * turned
     cos, sin = math.cos(middle), math.sin(middle)
@@ -38,12 +38,12 @@ def move(pose: FloatArray, forward: float, lateral: float, turned: float) -> Non
 
 @njit(cache=True)
 def belt_motion(left: float, right: float, state: FloatArray, gauge: float) -> FloatArray:
-    """Return the body's motion from that of its belts (Martinez & Mandow 2005).
+    """Compute the body's motion from the motion of its belts (Martinez & Mandow 2005).
 
     Args:
-        left: Way of the left belt, m.
-        right: Way of the right belt, m.
-        state: (9,) of the filter, with the centres of rotation; see ``ekf_model``.
+        left: Distance that the left belt moved, m.
+        right: Distance that the right belt moved, m.
+        state: (9,) state of the filter, with the centres of rotation; see ``ekf_model``.
         gauge: Nominal distance of the tracks, m.
 
     Returns:
@@ -65,15 +65,15 @@ def advance_paths(
     right: float,
     gauge: float,
 ) -> None:
-    """Carry both paths one period on, in place.
+    """Advance both paths by one period, in place.
 
     Args:
         odom: (3,) x, y, yaw, moved by the filter's speeds.
         wheels: (3,) x, y, yaw, moved by the belts.
-        state: (9,) of the filter.
+        state: (9,) state of the filter.
         dt: The period, s.
-        left: Way of the left belt in it, m.
-        right: Way of the right belt in it, m.
+        left: Distance that the left belt moved in the period, m.
+        right: Distance that the right belt moved in the period, m.
         gauge: Nominal distance of the tracks, m.
     """
     turned = state[RATE] * dt
@@ -84,12 +84,12 @@ def advance_paths(
 
 @njit(cache=True)
 def transforms(odom: FloatArray, wheels: FloatArray, pose: FloatArray) -> FloatArray:
-    """Return the transforms of the frames.
+    """Compute the transforms between the frames.
 
     Args:
         odom: (3,) odom_from_base.
-        wheels: (3,) the same by the wheels alone.
-        pose: (3,) believed map_from_base.
+        wheels: (3,) odom_from_base by the wheels alone.
+        pose: (3,) or longer, estimated map_from_base.
 
     Returns:
         (3, 3) rows: odom_from_base, map_from_odom, odom_from_base by the wheels; each x, y, yaw.
@@ -103,11 +103,11 @@ def transforms(odom: FloatArray, wheels: FloatArray, pose: FloatArray) -> FloatA
 
 
 class DeadReckoning:
-    """Reckons both paths, which start at zero.
+    """Integrator of both odometry paths, which start at zero.
 
     Attributes:
         odom_from_base: (3,) x, y, yaw by the filter's speeds, m and rad.
-        by_wheels: (3,) the same by the encoders alone.
+        by_wheels: (3,) x, y, yaw by the encoders alone, m and rad.
     """
 
     def __init__(self, vehicle: VehicleConfig, encoder: EncoderConfig) -> None:
@@ -115,7 +115,7 @@ class DeadReckoning:
 
         Args:
             vehicle: Gauge and sprocket radius.
-            encoder: Counts a turn.
+            encoder: Counts per turn.
         """
         self._gauge = vehicle.gauge_m
         self._metres_a_count = 2.0 * math.pi * vehicle.sprocket_radius_m / encoder.counts_per_turn
@@ -124,11 +124,11 @@ class DeadReckoning:
         self._t_ns = -1
 
     def advance(self, encoders: EncoderReading, estimate: Estimate) -> None:
-        """Go on to the estimate's instant.
+        """Advance both paths to the time of an estimate.
 
         Args:
-            encoders: The last counts; if they are not new, the belts have not moved.
-            estimate: The filter's belief now.
+            encoders: The last counts. If they are not new, the wheels' path does not move.
+            estimate: The filter's present estimate.
         """
         last, left, right = self._last or encoders, 0.0, 0.0
         if encoders.t_ns >= last.t_ns:
@@ -145,7 +145,7 @@ class DeadReckoning:
         """Return the transforms now.
 
         Args:
-            estimate: The belief that base_link in map is taken from.
+            estimate: The estimate with the pose of base_link in map.
 
         Returns:
             Both paths, and map_from_odom.

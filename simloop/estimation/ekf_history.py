@@ -1,8 +1,8 @@
-"""The filter's beliefs and inputs of the last control periods, for corrections that come late.
+"""Keep the filter's beliefs and inputs of the last control periods, for late corrections.
 
-A LiDAR pose comes late: the turn must be complete, the match takes time, and a network may add to
-it. But it belongs to its own instant. So the belief of that instant is corrected, and all inputs
-since then are filtered again, in one compiled call.
+A LiDAR pose comes late: the laser's turn must be complete, the match takes time, and a network may
+add to the delay. So the belief at the time of the scan is corrected, and all inputs since then are
+filtered again in one compiled call.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from simloop.messages import FloatArray
 
 
 class History:
-    """A ring buffer of beliefs, each with the inputs that led to it."""
+    """Ring buffer of beliefs, each with the inputs that led to it."""
 
     def __init__(self, periods: int) -> None:
-        """Make room.
+        """Allocate the buffer.
 
         Args:
-            periods: How many beliefs are kept.
+            periods: Number of beliefs to keep.
         """
         self._t_ns = np.full(periods, np.iinfo(np.int64).min)
         self._states = np.zeros((periods, STATES))
@@ -29,10 +29,10 @@ class History:
         self._last, self._count = 0, 0
 
     def start(self, t_ns: int, x: FloatArray, p: FloatArray) -> None:
-        """Forget everything and keep a first belief.
+        """Clear the buffer and store a first belief.
 
         Args:
-            t_ns: Its instant.
+            t_ns: Time of the belief, ns.
             x: (9,) state.
             p: (9, 9) covariance.
         """
@@ -41,14 +41,15 @@ class History:
         self._t_ns[0], self._states[0], self._covariances[0] = t_ns, x, p
 
     def push(self, t_ns: int, inputs: tuple[float, ...]) -> FloatArray:
-        """Add a period; ``keep`` then adds the belief after it.
+        """Add a period's inputs; ``keep`` then stores the belief after it.
 
         Args:
-            t_ns: Its instant, later than the last one.
-            inputs: The first of the period's ``INPUTS`` values; see ``ekf_model``.
+            t_ns: Time of the period, ns, later than the last one.
+            inputs: The first values of the period's ``INPUTS``; see ``ekf_model``.
 
         Returns:
-            (11,) its row in the buffer, a view. The filter writes there what it refused.
+            (11,) the period's row in the buffer, a view. The filter marks in it which belts it
+            refused.
         """
         self._last = (self._last + 1) % len(self._t_ns)
         self._count = min(self._count + 1, len(self._t_ns))
@@ -58,7 +59,7 @@ class History:
         return row
 
     def keep(self, x: FloatArray, p: FloatArray) -> None:
-        """Keep the belief after the period that was pushed last.
+        """Store the belief after the last pushed period.
 
         Args:
             x: (9,) state.
@@ -67,13 +68,13 @@ class History:
         self._states[self._last], self._covariances[self._last] = x, p
 
     def find(self, t_ns: int) -> int | None:
-        """Return the row of the last period at or before an instant.
+        """Find the row of the last period at or before a time.
 
         Args:
-            t_ns: The instant.
+            t_ns: The time, ns.
 
         Returns:
-            A row for ``belief`` and ``rewrite``; None if that period is forgotten.
+            A row for ``belief`` and ``rewrite``; None if the period is no longer kept.
         """
         for back in range(self._count):
             row = (self._last - back) % len(self._t_ns)
@@ -105,14 +106,14 @@ class History:
 
         Args:
             row: From ``find``.
-            x: (9,) its new state.
-            p: (9, 9) its new covariance.
+            x: (9,) new state.
+            p: (9, 9) new covariance.
             walk: (7,) process noise densities; see ``ekf_model.motion_noise``.
             gauge_m: Nominal distance of the tracks, m.
             gates: (3,) see ``ekf_model.gate_wheels``.
 
         Returns:
-            State (9,) and covariance (9, 9) now.
+            Present state (9,) and covariance (9, 9).
         """
         self._states[row], self._covariances[row] = x, p
         count = (self._last - row) % len(self._t_ns)

@@ -1,4 +1,4 @@
-"""The filter's models of a skid-steered, tracked robot, and one whole control period, compiled.
+"""Define the filter's models of a skid-steered, tracked robot, and its control period (compiled).
 
 The state (9,) is, in this order:
 
@@ -10,15 +10,15 @@ The state (9,) is, in this order:
                  longitudinal place, m (Martinez & Mandow 2005)
 
 A tracked robot can only turn if its tracks slip sideways. It turns as if its gauge B were k times
-as wide, about a point that need not lie in its middle:
+as wide. The centre of the turn need not lie in the robot's middle:
 
     y_l, y_r = c +- k B / 2     lateral place of the left and the right track's centre of rotation
     v_y = -x_v w                lateral speed, with the vehicle's own centre x_v to the front
 
-The centres are estimated online as by Pentzer, Brennan & Reichard (2014). k and c show in the
-wheels against gyro and LiDAR, x_v in the LiDAR alone, all of them only while the robot turns. They
-change with the ground, so they walk with the way of the belts and not with time: a robot that
-stands forgets nothing.
+The centres are estimated online as by Pentzer, Brennan & Reichard (2014). k and c are observable
+from the wheels together with gyro and LiDAR, x_v from the LiDAR alone, and all of them only while
+the robot turns. They change with the ground. So their process noise grows with the distance that
+the belts move and not with time: while the robot stands, it does not grow.
 
     predict   v' = a_x (accelerometer), w' = b' = k' = c' = x_v' = noise,
               x' = v cos yaw + x_v w sin yaw, y' = v sin yaw - x_v w cos yaw
@@ -39,10 +39,10 @@ from simloop.messages import FloatArray
 
 X, Y, YAW, SPEED, RATE, BIAS, GAUGE, OFFSET, ICR_X = range(9)
 STATES = 9
-SLIPPING_VAR = 100.0  # (m/s)^2, of belts that slip: all but ignored
-_BELTS_M = 0.2  # way of a belt for a turn on the spot, m/rad
+SLIPPING_VAR = 100.0  # variance of a slipping belt's speed, (m/s)^2: it is nearly ignored
+_BELTS_M = 0.2  # distance that a belt moves per radian of a turn on the spot, m/rad
 
-# Columns of a period's inputs: readings and their variances, and which of the belts was refused.
+# Columns of a period's inputs: readings, their variances, and whether each belt was refused.
 INPUTS = 11
 ACCEL, DT, LEFT, RIGHT, GYRO, LEFT_VAR, RIGHT_VAR = range(7)
 GYRO_VAR, SHOVE_VAR, NO_LEFT, NO_RIGHT = range(7, INPUTS)
@@ -50,7 +50,7 @@ GYRO_VAR, SHOVE_VAR, NO_LEFT, NO_RIGHT = range(7, INPUTS)
 
 @njit(cache=True)
 def motion(x: FloatArray, accel: float, dt: float) -> FloatArray:
-    """Predict the state over one period, with the heading of its middle.
+    """Predict the state over one period, with the heading in the middle of the period.
 
     Args:
         x: (9,) state.
@@ -58,7 +58,7 @@ def motion(x: FloatArray, accel: float, dt: float) -> FloatArray:
         dt: The period, s.
 
     Returns:
-        (9,) state at its end.
+        (9,) state at the end of the period.
     """
     out = x.copy()
     speed, yaw = x[SPEED] + 0.5 * accel * dt, x[YAW] + 0.5 * x[RATE] * dt
@@ -73,7 +73,7 @@ def motion(x: FloatArray, accel: float, dt: float) -> FloatArray:
 
 @njit(cache=True)
 def motion_jacobian(x: FloatArray, accel: float, dt: float) -> FloatArray:
-    """Return the derivative of ``motion`` with respect to the state.
+    """Compute the derivative of ``motion`` with respect to the state.
 
     Args:
         x: (9,) state.
@@ -99,15 +99,15 @@ def motion_jacobian(x: FloatArray, accel: float, dt: float) -> FloatArray:
 
 @njit(cache=True)
 def motion_noise(x: FloatArray, dt: float, walk: FloatArray, shove_var: float) -> FloatArray:
-    """Return the process noise of one period.
+    """Compute the process noise of one period.
 
     Args:
         x: (9,) state.
         dt: The period, s.
-        walk: (7,) densities of the random walks: speed, m/s^1.5, yaw rate, rad/s^1.5, lateral
-            slip, m per root second and rad/s of yaw rate (tracks slip sideways only in turns),
-            b, rad/s^1.5, and k, c, x_v per root metre of belt.
-        shove_var: Noise of the position of a robot that something pushes, m^2/s each way.
+        walk: (7,) densities of the random walks: speed, m/s^1.5; yaw rate, rad/s^1.5; lateral
+            slip, m per square root of a second and per rad/s of yaw rate (tracks slip sideways
+            only in turns); b, rad/s^1.5; k, c, x_v per square root of a metre of belt motion.
+        shove_var: Position noise of a robot that is pushed, m^2/s along each axis.
 
     Returns:
         (9, 9) covariance.
@@ -119,8 +119,8 @@ def motion_noise(x: FloatArray, dt: float, walk: FloatArray, shove_var: float) -
     noise[X, X] = along * cos * cos + aside * sin * sin
     noise[Y, Y] = along * sin * sin + aside * cos * cos
     noise[X, Y] = noise[Y, X] = (along - aside) * sin * cos
-    # White noise in acceleration, integrated over the period: without these cross terms a gyro
-    # reading at the period's end would correct the rate but not the yaw that it has brought.
+    # White noise in acceleration, integrated over the period. Without these cross terms, a gyro
+    # reading at the end of the period would correct the rate but not the yaw.
     noise[X, SPEED] = noise[SPEED, X] = walk[0] ** 2 * dt**2 / 2.0 * cos
     noise[Y, SPEED] = noise[SPEED, Y] = walk[0] ** 2 * dt**2 / 2.0 * sin
     noise[SPEED, SPEED] = walk[0] ** 2 * dt
@@ -136,7 +136,7 @@ def motion_noise(x: FloatArray, dt: float, walk: FloatArray, shove_var: float) -
 
 @njit(cache=True)
 def wheel_speed(x: FloatArray, gauge: float, side: float) -> float:
-    """Return the speed that is expected of a belt.
+    """Compute the expected speed of a belt.
 
     Args:
         x: (9,) state.
@@ -144,14 +144,14 @@ def wheel_speed(x: FloatArray, gauge: float, side: float) -> float:
         side: +1 left, -1 right.
 
     Returns:
-        m/s.
+        Speed of the belt, m/s.
     """
     return x[SPEED] - (x[OFFSET] + side * 0.5 * gauge * x[GAUGE]) * x[RATE]
 
 
 @njit(cache=True)
 def wheel_jacobian(x: FloatArray, gauge: float, side: float) -> FloatArray:
-    """Return the derivative of ``wheel_speed`` with respect to the state.
+    """Compute the derivative of ``wheel_speed`` with respect to the state.
 
     Args:
         x: (9,) state.
@@ -180,8 +180,8 @@ def gyro_jacobian() -> FloatArray:
     return row
 
 
-# Plain loops: for matrices this small a call of BLAS costs more than the sums, and several times
-# more in the control loop, where its code has left the cache each time.
+# The kernels use plain loops. For matrices this small, a call of BLAS costs more than the sums. In
+# the control loop it costs several times more, because its code is no longer in the cache.
 
 
 @njit(cache=True)
@@ -190,7 +190,7 @@ def with_pose_error(covariance: FloatArray, error: FloatArray) -> FloatArray:
 
     Args:
         covariance: (9, 9) of the state.
-        error: (3, 3) of x, y, yaw.
+        error: (3, 3) covariance of the error in x, y, yaw.
 
     Returns:
         (9, 9), a new array.
@@ -208,14 +208,14 @@ def correct_scalar(
 ) -> None:
     """Correct a belief with one scalar measurement, in place.
 
-    Joseph's form, (I - K h) P (I - K h)^T + K R K^T, a row at a time.
+    The covariance is updated in Joseph's form, (I - K h) P (I - K h)^T + K R K^T, row by row.
 
     Args:
-        x: (9,) state, changed.
-        p: (9, 9) covariance, changed.
-        row: (9,) the measurement's Jacobian h.
-        residual: Measured less expected.
-        variance: Of the measurement.
+        x: (9,) state, changed in place.
+        p: (9, 9) covariance, changed in place.
+        row: (9,) Jacobian h of the measurement.
+        residual: Measured value minus expected value.
+        variance: Variance of the measurement.
     """
     ph = times(p, row)
     gain = ph / (dot(row, ph) + variance)
@@ -233,19 +233,20 @@ def correct_scalar(
 def gate_wheels(
     x: FloatArray, p: FloatArray, inputs: FloatArray, gauge: float, gates: FloatArray
 ) -> None:
-    """Mark in a period's inputs which belts contradict the belief: they slip, or are stuck.
+    """Mark the belts that contradict the belief, because they slip or are stuck.
 
-    If both together are too far off, the worse one is refused. The other one is refused too unless
-    it fits the belief well by itself: tracks that start with a jerk both slip, and one of them
-    alone would tell a wrong speed.
+    If both belts together are too far off, the worse one is refused. The other one is refused too
+    unless it fits the belief well by itself: tracks that start with a jerk both slip, and one of
+    them alone would give a wrong speed.
 
     Args:
         x: (9,) predicted state.
-        p: (9, 9) its covariance.
+        p: (9, 9) covariance of the predicted state.
         inputs: (11,) the period's inputs; ``NO_LEFT`` and ``NO_RIGHT`` are written.
         gauge: Nominal distance of the tracks, m.
-        gates: (3,) squared Mahalanobis distances that one belt alone and both together may have,
-            and the variance, (m/s)^2, by which a single count errs more than the mean of several.
+        gates: (3,) largest squared Mahalanobis distance of one belt alone, the same of both
+            together, and the additional variance, (m/s)^2, of a single count compared with the
+            mean of several.
     """
     left, right = wheel_jacobian(x, gauge, 1.0), wheel_jacobian(x, gauge, -1.0)
     by_left, by_right = times(p, left), times(p, right)
@@ -274,36 +275,37 @@ def predict_and_correct(
 ) -> tuple[FloatArray, FloatArray]:
     """Predict a belief over one period and correct it with gyro and wheels.
 
-    These are the equations of filterpy's ``predict`` and ``update``, first with the gyro, then with
-    each belt that passes its gate. One scalar at a time, so that nothing has to be inverted.
+    The equations are those of filterpy's ``predict`` and ``update``, first with the gyro, then with
+    each belt that passes its gate. Measurements are used one scalar at a time, so no matrix is
+    inverted.
 
     Args:
         x: (9,) state.
-        covariance: (9, 9).
-        inputs: (11,) the period's inputs, in which the gates write what they refused. A reading
-            that has not come has a nearly infinite variance.
+        covariance: (9, 9) covariance of the state.
+        inputs: (11,) the period's inputs; the gates mark in it which belts they refused. A missing
+            reading has a nearly infinite variance.
         walk: (7,) see ``motion_noise``.
         gauge: Nominal distance of the tracks, m.
         gates: (3,) see ``gate_wheels``.
 
     Returns:
-        State (9,) and covariance (9, 9) at the period's end, as new arrays.
+        State (9,) and covariance (9, 9) at the end of the period, as new arrays.
     """
     dt, accel = inputs[DT], inputs[ACCEL]
     p = sandwich(motion_jacobian(x, accel, dt), covariance)
     p += motion_noise(x, dt, walk, inputs[SHOVE_VAR])
     x = motion(x, accel, dt)
-    # The gyro first: with the yaw rate known, the gate of the belts is sharper.
+    # The gyro comes first: when the yaw rate is known, the gate of the belts is sharper.
     correct_scalar(x, p, gyro_jacobian(), inputs[GYRO] - x[RATE] - x[BIAS], inputs[GYRO_VAR])
     gate_wheels(x, p, inputs, gauge, gates)
     for belt in range(2):
         side = 1.0 - 2.0 * belt
-        # A refused belt still corrects, by next to nothing: the arithmetic stays the same.
+        # A refused belt still corrects, but with a negligible gain: the arithmetic is the same.
         variance = SLIPPING_VAR if inputs[NO_LEFT + belt] else inputs[LEFT_VAR + belt]
         residual = inputs[LEFT + belt] - wheel_speed(x, gauge, side)
         correct_scalar(x, p, wheel_jacobian(x, gauge, side), residual, variance)
     x[YAW] = wrap_angle(x[YAW])
-    # Rounding makes a covariance unsymmetric a little at a time.
+    # Rounding slowly makes the covariance asymmetric, so it is made symmetric again.
     for i in range(STATES):
         for j in range(i):
             p[i, j] = p[j, i] = 0.5 * (p[i, j] + p[j, i])
@@ -321,14 +323,14 @@ def replay(
     gauge: float,
     gates: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Filter a part of a ring buffer again; the beliefs in it are overwritten.
+    """Filter a part of a ring buffer again, and overwrite the beliefs in it.
 
     Args:
-        states: (n, 9) the ring of states.
-        covariances: (n, 9, 9) the ring of covariances.
-        inputs: (n, 11) the ring of inputs.
+        states: (n, 9) ring buffer of states.
+        covariances: (n, 9, 9) ring buffer of covariances.
+        inputs: (n, 11) ring buffer of inputs.
         first: Row of the belief to start from.
-        count: How many periods follow it.
+        count: Number of periods after it.
         walk: (7,) see ``motion_noise``.
         gauge: Nominal distance of the tracks, m.
         gates: (3,) see ``gate_wheels``.

@@ -1,13 +1,13 @@
-"""Judge the robot's own localisation: its state, the reasons, and whether it must halt.
+"""Monitor the health of the localisation: its state, the reasons, and whether the robot must halt.
 
-A reason holds for a while after it was last given, so that what comes and goes is reported once.
-Most reasons can be lived with: if a belt slips, the other sensors go on. Some halt the robot until
-they are over: without scans it would drive blind.
+A reason stays active for a while after it was last noted, so that an intermittent fault is
+reported once. With most reasons the robot can go on: if a belt slips, the other sensors suffice.
+Some reasons halt the robot until they are over: without scans it would drive blind.
 
-Informative scans whose fixes are refused without an explanation are misfits. They are counted
-until a fix is taken. After two the robot halts, after four it is lost. Scans with too few points
-decide nothing: if they follow two misfits the robot stays halted, says why, and after a time it
-gives up (``sure_until_ns``).
+A misfit is an informative scan whose fix is refused without an explanation. Misfits are counted
+until a fix is accepted. After two misfits the robot halts; after four it is lost. Scans with too
+few points do not change the count. If they follow two misfits, the robot stays halted and reports
+why. After a time it gives up (``sure_until_ns``).
 """
 
 from __future__ import annotations
@@ -20,29 +20,29 @@ from simloop.messages import (
     HealthState,
 )
 
-_HOLD_NS = 500_000_000  # how long a reason holds after it was last given
-_HALTING = {HealthReason.NO_SCANS, HealthReason.LOST}
-_SCANS_MISSED = 3  # scan periods without a scan
-_READINGS_MISSED_NS = 50_000_000
-_BELT_TICKS = 30  # control periods over which a belt is judged,
-_BELT_SHARE = 0.8  # and the share of them in which it was refused that makes it "not heard"
-_MISFITS_TO_HALT = 2
-_MISFITS_TO_BE_LOST = 4
+_HOLD_NS = 500_000_000  # a reason stays active for this time after it was last noted
+_HALTING = {HealthReason.NO_SCANS, HealthReason.LOST}  # reasons that halt the robot
+_SCANS_MISSED = 3  # scans are missing after this many scan periods without one
+_READINGS_MISSED_NS = 50_000_000  # encoders or IMU are missing after this time without a reading
+_BELT_TICKS = 30  # number of control periods over which a belt is judged
+_BELT_SHARE = 0.8  # a belt is reported if it was refused in more than this share of them
+_MISFITS_TO_HALT = 2  # the robot halts after this many misfits
+_MISFITS_TO_BE_LOST = 4  # the robot is lost after this many misfits
 
 
 class HealthMonitor:
-    """Takes what the localiser notices and turns it into one of three states.
+    """Monitor that turns the localiser's observations into one of three states.
 
     Attributes:
-        lost_since_ns: When it became lost; None while it is not.
-        current: The health as it was last reported.
+        lost_since_ns: Time at which the robot became lost, ns; None while it is not lost.
+        current: The health that was reported last.
     """
 
     def __init__(self, lidar_period_ns: int) -> None:
-        """Start with everything in order.
+        """Start in the state OK.
 
         Args:
-            lidar_period_ns: Time from one scan to the next.
+            lidar_period_ns: Time from one scan to the next, ns.
         """
         self._scan_ns = lidar_period_ns
         self._until_ns: dict[HealthReason, int] = {}
@@ -56,44 +56,44 @@ class HealthMonitor:
 
     @property
     def lost(self) -> bool:
-        """Whether the pose is not to be believed at all."""
+        """Whether the robot is lost: its pose must not be used."""
         return self.lost_since_ns is not None
 
     @property
     def belts_heard(self) -> tuple[bool, bool]:
-        """Whether the left and the right encoder are worth listening to."""
+        """Whether the left and the right encoder can be trusted."""
         return (
             HealthReason.LEFT_BELT not in self._until_ns,
             HealthReason.RIGHT_BELT not in self._until_ns,
         )
 
     def sure_until_ns(self, t_ns: int) -> int:
-        """Return until when the robot had scans, and no halting doubt of where it was.
+        """Return the last time at which the robot had scans and was not halted by misfits.
 
         Args:
-            t_ns: Now.
+            t_ns: Present time, ns.
 
         Returns:
-            An instant, ``t_ns`` at the latest.
+            The time, ns, at most ``t_ns``.
         """
         doubt_ns = self._halted_since_ns if self.lost_since_ns is None else self.lost_since_ns
         return min(t_ns if doubt_ns is None else doubt_ns, self._last_scan_ns)
 
     def note(self, t_ns: int, reason: HealthReason) -> None:
-        """Give a reason, which holds for a while from now on.
+        """Note a reason, which stays active for a while.
 
         Args:
-            t_ns: Now.
+            t_ns: Present time, ns.
             reason: One of the reasons in ``messages``.
         """
         self._until_ns[reason] = t_ns + _HOLD_NS
 
     def belts(self, t_ns: int, refused: tuple[bool, bool]) -> None:
-        """Take which belts the filter refused in this period.
+        """Record which belts the filter refused in this period.
 
         Args:
-            t_ns: Now.
-            refused: Left and right.
+            t_ns: Present time, ns.
+            refused: Whether the left and the right belt was refused.
         """
         for side, reason in enumerate((HealthReason.LEFT_BELT, HealthReason.RIGHT_BELT)):
             kept = self._belts[side]
@@ -104,24 +104,24 @@ class HealthMonitor:
                     self.note(t_ns, reason)
 
     def readings(self, t_ns: int, encoders_ns: int, imu_ns: int) -> None:
-        """Take the newest stamps of encoders and IMU.
+        """Check the newest stamps of encoders and IMU.
 
         Args:
-            t_ns: Now.
-            encoders_ns: Newest stamp of the encoders.
-            imu_ns: Newest stamp of the IMU.
+            t_ns: Present time, ns.
+            encoders_ns: Newest stamp of the encoders, ns.
+            imu_ns: Newest stamp of the IMU, ns.
         """
         for reason, stamp in ((HealthReason.NO_COUNTS, encoders_ns), (HealthReason.NO_IMU, imu_ns)):
             if t_ns - stamp > _READINGS_MISSED_NS:
                 self.note(t_ns, reason)
 
     def scan(self, t_ns: int, taken: bool, informative: bool) -> None:
-        """Take what became of a scan.
+        """Record the result of a scan.
 
         Args:
-            t_ns: Its stamp.
-            taken: Whether the filter took its fix.
-            informative: Whether it had points enough to contradict the belief.
+            t_ns: Stamp of the scan, ns.
+            taken: Whether the filter accepted its fix.
+            informative: Whether it had enough points to contradict the belief.
         """
         self._last_scan_ns = t_ns
         if not informative:
@@ -137,14 +137,14 @@ class HealthMonitor:
             self.lost_since_ns = t_ns
 
     def found(self) -> None:
-        """Take that the robot knows again where it is."""
+        """Record that the robot has found its pose again."""
         self.lost_since_ns, self._misfits, self._halted_since_ns = None, 0, None
 
     def review(self, t_ns: int) -> Health | None:
-        """Return the health now, if it differs from what was reported last.
+        """Return the present health if it differs from the health reported last.
 
         Args:
-            t_ns: Now.
+            t_ns: Present time, ns.
 
         Returns:
             The new ``current``; None if nothing has changed.
@@ -154,7 +154,7 @@ class HealthMonitor:
             self._until_ns[HealthReason.NO_SCANS] = t_ns + 1
         if self.lost:
             self._until_ns[HealthReason.LOST] = t_ns + 1
-        elif doubtful:  # the reason is reported for as long as it halts
+        elif doubtful:  # the reason is reported as long as it halts the robot
             self._until_ns[HealthReason.MISFIT] = max(
                 t_ns + 1, self._until_ns.get(HealthReason.MISFIT, 0)
             )

@@ -1,7 +1,7 @@
-"""Compare the motion between two scans as LiDAR, wheels and IMU measured it, and find the outlier.
+"""Find which of LiDAR, wheels and IMU measured a wrong motion between two scans.
 
 The three measurements are independent. When a LiDAR fix contradicts the belief, two sensors that
-agree tell which one is wrong:
+agree show which one is wrong:
 
     LiDAR and wheels agree, gyro does not    the gyro's bias has jumped
     LiDAR and IMU agree, wheels do not       the belts slip, or something pushed the robot
@@ -21,25 +21,25 @@ from numpy.typing import NDArray
 from simloop.geometry.se2 import between, wrap_angle
 from simloop.messages import FloatArray
 
-# Columns of an odometry history: 0-2 the odom pose, 3-5 the wheel odometry's pose, and these.
+# Columns of an odometry history: 0-2 pose in odom, 3-5 pose by the wheels, then the following.
 ACCEL_X, ACCEL_Y, GYRO, DT, SPEED, LATERAL_SPEED, BELTS_OK = range(6, 13)
 COLUMNS = 13
 
-_YAW_RAD = 0.004  # above what noise and quantisation make of a few tenths of a second
-_XY_M = 0.02
-_ACCEL_MPS2 = 0.15  # bias and tilt of the accelerometer, and the error of the believed speed
+_YAW_RAD = 0.004  # largest yaw error from noise and quantisation in a few tenths of a second
+_XY_M = 0.02  # tolerance of the position
+_ACCEL_MPS2 = 0.15  # covers bias and tilt of the accelerometer and the filter's speed error
 
 
 class Preintegrated(NamedTuple):
-    """The motion that an IMU measured between two instants, in the body frame at the first.
+    """Motion that an IMU measured between two times, in the body frame at the first time.
 
     Attributes:
         yaw: Heading change, rad.
-        velocity: (2,) m/s, the velocity that the accelerations added.
-        position: (2,) m, the displacement that the accelerations added.
-        duration: Time between the instants, s.
-        by_bias: (5,) derivatives of yaw, velocity and position with respect to the gyro bias, so
-            that another bias needs no second integration.
+        velocity: (2,) velocity that the accelerations added, m/s.
+        position: (2,) displacement that the accelerations added, m.
+        duration: Time difference, s.
+        by_bias: (5,) derivatives of yaw, velocity and position with respect to the gyro bias. With
+            them, another bias needs no second integration.
     """
 
     yaw: float
@@ -58,7 +58,7 @@ def preintegrate(rows: FloatArray, bias: float) -> Preintegrated:
         bias: Gyro bias, rad/s, subtracted from the yaw rate.
 
     Returns:
-        The motion over all rows, with its derivatives with respect to the bias.
+        The motion over all rows, and its derivatives with respect to the bias.
     """
     yaw = duration = 0.0
     velocity, position, by_bias = np.zeros(2), np.zeros(2), np.zeros(5)
@@ -67,10 +67,10 @@ def preintegrate(rows: FloatArray, bias: float) -> Preintegrated:
         # The heading in the middle of the period turns the acceleration into the first frame.
         cos, sin = math.cos(yaw + 0.5 * rate * dt), math.sin(yaw + 0.5 * rate * dt)
         a = np.array([cos * ax - sin * ay, sin * ax + cos * ay])
-        # d(heading) / d(bias) there, and with it d(a) / d(bias).
+        # d(heading) / d(bias) in the middle of the period, and from it d(a) / d(bias).
         turning = by_bias[0] - 0.5 * dt
         a_by_bias = np.array([-a[1] * turning, a[0] * turning])
-        # Position before velocity before yaw: each uses the others' values of the period's start.
+        # Update position, then velocity, then yaw: each needs the others' values at the start.
         position += velocity * dt + 0.5 * a * dt * dt
         by_bias[3:] += by_bias[1:3] * dt + 0.5 * a_by_bias * dt * dt
         velocity += a * dt
@@ -82,12 +82,12 @@ def preintegrate(rows: FloatArray, bias: float) -> Preintegrated:
 
 
 class OdometryHistory:
-    """The odometry and IMU readings of the last control periods, in order.
+    """Odometry and IMU readings of the last control periods, in order.
 
-    The rows lie in one piece of memory, so that a span of them is a slice.
+    The rows lie in one array, so that a span of them is a slice.
 
     Attributes:
-        last_ns: Stamp of the last period; 0 before the first.
+        last_ns: Stamp of the last period, ns; 0 before the first.
     """
 
     def __init__(self, least_rows: int) -> None:
@@ -101,10 +101,10 @@ class OdometryHistory:
         """Add a period.
 
         Args:
-            t_ns: Its stamp, later than the last one.
+            t_ns: Stamp of the period, ns, later than the last one.
 
         Returns:
-            Its row (13,), a view for the caller to fill in; see the columns above.
+            The period's row (13,), a view that the caller fills; see the columns above.
         """
         if self._end == len(self._t_ns):
             self._t_ns[: self._room] = self._t_ns[self._room :]
@@ -116,61 +116,61 @@ class OdometryHistory:
         return row
 
     def odom_poses(self, since_ns: int, until_ns: int) -> tuple[NDArray[np.int64], FloatArray]:
-        """Return the odom poses over a span of time, as copies.
+        """Return copies of the odom poses in a span of time.
 
         Args:
-            since_ns: Start; the last period at or before it is included.
-            until_ns: End, inclusive.
+            since_ns: Start, ns; the last period at or before it is included.
+            until_ns: End, ns, inclusive.
 
         Returns:
-            Stamps (k,), rising, and odom_from_base (k, 3).
+            Stamps (k,), ns, rising, and odom_from_base (k, 3).
         """
         first = max(0, self._at(since_ns))
         last = max(first, self._at(until_ns))
         return self._t_ns[first : last + 1].copy(), self._rows[first : last + 1, :3].copy()
 
     def odom_motion(self, since_ns: int, until_ns: int) -> FloatArray:
-        """Return how odom moved between two instants.
+        """Compute the motion between two times by the odom path.
 
         Args:
-            since_ns: The first instant.
-            until_ns: The second instant.
+            since_ns: First time, ns.
+            until_ns: Second time, ns.
 
         Returns:
-            (3,) x, y, m, and yaw, rad, in base_link at the first instant.
+            (3,) x, y, m, and yaw, rad, in base_link at the first time.
         """
         first, last = max(0, self._at(since_ns)), max(0, self._at(until_ns))
         return between(self._rows[first, :3], self._rows[last, :3])
 
     def votes(self, since_ns: int, until_ns: int, bias: float) -> MotionVotes | None:
-        """Return the motion between two instants as wheels and IMU measured it.
+        """Compute the motion between two times as wheels and IMU measured it.
 
         Args:
-            since_ns: The first instant.
-            until_ns: The second instant.
-            bias: Gyro bias at the first instant, rad/s.
+            since_ns: First time, ns.
+            until_ns: Second time, ns.
+            bias: Gyro bias at the first time, rad/s.
 
         Returns:
-            Both measurements; None if the history does not reach back to the first instant, or
-            holds no period between the two.
+            Both measurements; None if the history does not reach back to the first time, or holds
+            no period between the two.
         """
         first, last = self._at(since_ns), self._at(until_ns)
         if first < 0 or last <= first:
             return None
         rows = self._rows[first : last + 1]
         imu = preintegrate(np.ascontiguousarray(rows[1:, ACCEL_X : DT + 1]), bias)
-        # An IMU measures changes of velocity only: the first velocity is the filter's.
+        # An IMU measures only changes of velocity, so the first velocity comes from the filter.
         start = rows[0, [SPEED, LATERAL_SPEED]] * imu.duration
         wheels = between(rows[0, 3:6], rows[-1, 3:6]) if rows[1:, BELTS_OK].all() else None
         return MotionVotes(wheels, np.array([*(start + imu.position), imu.yaw]), imu.duration)
 
     def _at(self, t_ns: int) -> int:
-        """The last row at or before an instant; -1: none."""
+        """Return the last row at or before a time, or -1 if there is none."""
         return int(self._t_ns[: self._end].searchsorted(t_ns, side="right")) - 1
 
 
 class Outlier(StrEnum):
-    """The sensor that the two others contradict."""
+    """Sensor that the two others contradict."""
 
     GYRO = "gyro"
     WHEELS = "wheels"
@@ -181,9 +181,9 @@ class MotionVotes(NamedTuple):
     """One motion of the robot as wheels and IMU measured it, in base_link at its start.
 
     Attributes:
-        wheels: (3,) x, y, m, and yaw, rad; None if a belt slipped or was not heard.
+        wheels: (3,) x, y, m, and yaw, rad; None if a belt slipped or was ignored.
         imu: (3,) x, y, m, and yaw, rad.
-        duration: s.
+        duration: Duration of the motion, s.
     """
 
     wheels: FloatArray | None
@@ -194,10 +194,10 @@ class MotionVotes(NamedTuple):
         """Return which of the three sensors the two others contradict.
 
         Args:
-            lidar: (3,) x, y, m, and yaw, rad: the same motion as two LiDAR fixes give it.
+            lidar: (3,) x, y, m, and yaw, rad: the same motion between two LiDAR fixes.
 
         Returns:
-            The sensor that is wrong. It is the LiDAR where it agrees with neither of the others.
+            The sensor that is wrong. If all three disagree, this is the LiDAR.
         """
         off = abs(wrap_angle(lidar[2] - self.imu[2]))
         if off > _YAW_RAD:
@@ -207,7 +207,7 @@ class MotionVotes(NamedTuple):
             apart = math.dist(lidar[:2], self.wheels[:2])
             agree = by_wheels < 0.5 * off and apart < 2.0 * _XY_M
             return Outlier.GYRO if agree else Outlier.LIDAR
-        # An acceleration's error grows into the position with half the squared time.
+        # A constant acceleration error makes a position error of half of it times time squared.
         slack = _XY_M + _ACCEL_MPS2 * self.duration * max(0.1, 0.5 * self.duration)
         agree = math.dist(lidar[:2], self.imu[:2]) < slack
         return Outlier.WHEELS if agree else Outlier.LIDAR

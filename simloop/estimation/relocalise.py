@@ -1,14 +1,13 @@
 """Find a lost robot in a known map: candidates from the whole map, each refined and verified.
 
-``best_place`` is the search that every relocaliser shares. Candidates come best first; the scan
-matcher refines each; a check against the whole map scores the refined pose. The result is believed
-only if it fits, and if no other place comes near it: a robot that takes a wrong place for true is
-worse off than one that knows that it is lost.
+``best_place`` makes the choice for every relocaliser. The scan matcher has refined each candidate,
+and a check against the map gives its cost. The best place is accepted only if it fits and if no
+other place is nearly as good: to accept a wrong place is worse than to stay lost.
 
 ``relocalise`` is the search of the closed loop, with one scan. Its candidates are free places on a
-lattice, in every heading (Olson 2009, without his pyramid). A pose must explain the scan without
-looking through anything that the map knows to be solid. The mapper over long ways brings its own
-candidates and its own check (``graph_slam.map_localiser``).
+lattice, in every heading (Olson 2009, without the pyramid). A pose must explain the scan, and its
+beams must not cross anything that the map shows as solid. The graph SLAM has its own candidates
+and its own check (``graph_slam.map_localiser``).
 """
 
 from __future__ import annotations
@@ -25,17 +24,17 @@ from numpy.typing import NDArray
 from simloop.geometry.se2 import wrap_angle
 from simloop.messages import FloatArray, PoseFix
 
-_STEP_M, _STEP_RAD = 0.1, 2.0 * math.pi / 72  # of the lattice of candidates
-_SPREAD_M = 0.12  # of the likelihood of a hit: half the steps, at a few metres
-_POINTS = 60  # of the scan that the coarse scores use
-_ROOM_M = 0.2  # the robot's centre is never nearer to anything
-_CANDIDATES = 12
-_TRIED = 40  # lattice poses looked at for each candidate, since many are next to one another
-_APART_M, _APART_RAD = 0.3, 0.3  # poses nearer than that are one and the same place
-_NEAR_M = 0.1  # a surface this near explains a point
-_SHORT_M = 0.2  # up to this far from its end a beam's way must be free
-_LEAST_EXPLAINED = 0.75  # share of the points, less the share of beams that cross a surface
-_LEAST_LEAD = 0.08  # of that share over the best other place
+_STEP_M, _STEP_RAD = 0.1, 2.0 * math.pi / 72  # steps of the lattice of candidates
+_SPREAD_M = 0.12  # std of the likelihood of a hit: half the lattice steps, at a few metres
+_POINTS = 60  # about how many points of the scan the coarse scores use
+_ROOM_M = 0.2  # candidates are farther than this from any surface
+_CANDIDATES = 12  # most candidates that are refined
+_TRIED = 40  # lattice poses tried per candidate, because many are neighbours
+_APART_M, _APART_RAD = 0.3, 0.3  # two poses nearer than this count as the same place
+_NEAR_M = 0.1  # a surface nearer than this explains a point
+_SHORT_M = 0.2  # a beam is not checked in this distance before its end
+_LEAST_EXPLAINED = 0.75  # least ``explained`` share of a pose that is accepted
+_LEAST_LEAD = 0.08  # the share must exceed that of every other place by this
 
 Found = TypeVar("Found")
 
@@ -45,9 +44,9 @@ class Place(Generic[Found]):
     """A candidate after refinement.
 
     Attributes:
-        cost: How much speaks against it; the least is the best.
-        fits: Whether it may be believed, if no other comes near it.
-        found: What the refinement found there.
+        cost: Cost of the place; the least is the best.
+        fits: Whether the place can be accepted, if no other is nearly as good.
+        found: Result of the refinement.
     """
 
     cost: float
@@ -58,16 +57,16 @@ class Place(Generic[Found]):
 def best_place(
     places: Iterable[Place[Found]], is_clear: Callable[[Place[Found], Place[Found]], bool]
 ) -> Found | None:
-    """Return the one place that fits and that no other comes near.
+    """Return the place that fits, if no other place is nearly as good.
 
     Args:
         places: The refined candidates, in the order in which they were found.
-        is_clear: Whether the best place, given first, is clearly better than another one. It must
-            be true for a place that is really the same.
+        is_clear: Returns whether the best place (first argument) is clearly better than another
+            one. It must return True if both are the same place.
 
     Returns:
-        What was found at the best place. None if there is none, it does not fit, or another is
-        about as good.
+        Result of the refinement at the best place. None if there is no place, the best one does
+        not fit, or another one is nearly as good.
     """
     ranked = sorted(places, key=lambda place: place.cost)
     if not ranked or not ranked[0].fits:
@@ -78,13 +77,13 @@ def best_place(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchMap:
-    """A map to search in, as a planner sees it; all arrays are [iy, ix].
+    """Map for the search; all arrays are [iy, ix].
 
     Attributes:
         origin_m: (2,) lower left corner of the first cell in map, m.
         resolution_m: Side of a cell, m.
         distance_m: (rows, cols) from a cell's centre to the nearest surface, m.
-        free: (rows, cols) whether a cell was seen to be free.
+        free: (rows, cols) whether a cell was seen free.
     """
 
     origin_m: FloatArray
@@ -103,15 +102,15 @@ def score_everywhere(
     y0: float,
     resolution: float,
 ) -> FloatArray:
-    """Score every place in every heading by the mean likelihood of a scan's points there.
+    """Score every place in every heading by the mean likelihood of a scan's points.
 
     Args:
         points: (n, 2) in base_link, m.
-        places: (p, 2) of base_link in map, m.
+        places: (p, 2) positions of base_link in map, m.
         headings: (h,) rad.
-        likelihood: (rows, cols) of a hit in each cell.
+        likelihood: (rows, cols) likelihood of a hit in each cell.
         x0: x of the grid's lower left corner, m.
-        y0: y of it, m.
+        y0: y of the grid's lower left corner, m.
         resolution: Side of a cell, m.
 
     Returns:
@@ -122,7 +121,7 @@ def score_everywhere(
     for h in range(headings.shape[0]):
         cos, sin = math.cos(headings[h]), math.sin(headings[h])
         for k in range(points.shape[0]):
-            # Turned once for all places, which only shift it.
+            # Rotate the point once; each place only shifts it.
             rx = cos * points[k, 0] - sin * points[k, 1] - x0
             ry = sin * points[k, 0] + cos * points[k, 1] - y0
             for p in range(places.shape[0]):
@@ -142,18 +141,18 @@ def explained(
     y0: float,
     resolution: float,
 ) -> float:
-    """Return how much of a scan a pose explains.
+    """Compute the share of a scan that a pose explains.
 
     Args:
         points: (n, 2) in base_link, m.
         pose: (3,) x, y, yaw of base_link in map.
         distance: (rows, cols) from a cell's centre to the nearest surface, m.
         x0: x of the grid's lower left corner, m.
-        y0: y of it, m.
+        y0: y of the grid's lower left corner, m.
         resolution: Side of a cell, m.
 
     Returns:
-        Share of the points that lie by a surface, less the share of beams that cross one.
+        Share of the points near a surface, minus the share of the beams that cross one.
     """
     rows, cols = distance.shape
     cos, sin, good = math.cos(pose[2]), math.sin(pose[2]), 0
@@ -164,7 +163,7 @@ def explained(
         row = math.floor((pose[1] + dy - y0) / resolution)
         if 0 <= row < rows and 0 <= col < cols and distance[row, col] < _NEAR_M:
             good += 1
-        # Walk along the beam, a cell a step, to a little before its end.
+        # Walk along the beam in steps of a cell, and stop before its end.
         length = math.hypot(dx, dy)
         for step in range(1, math.floor((length - _SHORT_M) / resolution)):
             f = step * resolution / length
@@ -184,7 +183,7 @@ def candidates(points: FloatArray, where: SearchMap) -> list[FloatArray]:
         where: The map.
 
     Returns:
-        Poses (3,) x, y, yaw of base_link in map, best first, no two at the same place.
+        Poses (3,) x, y, yaw of base_link in map, best first; no two are the same place.
     """
     every = max(1, round(_STEP_M / where.resolution_m))
     lattice = np.zeros(where.free.shape, bool)
@@ -211,14 +210,14 @@ def candidates(points: FloatArray, where: SearchMap) -> list[FloatArray]:
 
 
 def same_place(a: FloatArray, b: FloatArray) -> bool:
-    """Return whether two poses count as one and the same place.
+    """Return whether two poses count as the same place.
 
     Args:
         a: (3,) x, y, yaw, m and rad.
-        b: (3,) another one.
+        b: (3,) another pose.
 
     Returns:
-        True if they are near each other in place and in heading.
+        True if they are near each other in position and heading.
     """
     return math.dist(a[:2], b[:2]) < _APART_M and abs(wrap_angle(a[2] - b[2])) < _APART_RAD
 
@@ -226,16 +225,15 @@ def same_place(a: FloatArray, b: FloatArray) -> bool:
 def relocalise(
     points: FloatArray, where: SearchMap, refine: Callable[[FloatArray], PoseFix]
 ) -> PoseFix | None:
-    """Find a scan in the whole map.
+    """Search the whole map for a scan.
 
     Args:
-        points: (n, 2) its hits in base_link, m.
+        points: (n, 2) hits of the scan in base_link, m.
         where: The map.
-        refine: The scan matcher, from a candidate's pose (3,).
+        refine: The scan matcher; it starts from a candidate's pose (3,).
 
     Returns:
-        The match at the one place that explains the scan; None if there is no such place, or
-        more than one.
+        The match at the only place that explains the scan. None if no place does, or several do.
     """
     points = np.ascontiguousarray(points)
     corner, resolution = where.origin_m.tolist(), where.resolution_m

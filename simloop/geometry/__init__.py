@@ -1,1 +1,1 @@
-"""Plane geometry that every other package builds on."""
+"""Plane geometry for all other packages."""

@@ -1,6 +1,6 @@
-"""Obstacles as discs.
+"""Represent obstacles as discs.
 
-The connected components of the occupied cells become discs; long components are cut into tiles.
+Each connected component of the occupied cells becomes a disc. Long components are cut into tiles.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from simloop.messages import FloatArray
 
-_PIECE_M = 0.5  # a component longer than this is cut into tiles of this size
+_PIECE_M = 0.5  # a component at least this long is cut into tiles of this size
 
 
 def discs_of(occupied: np.ndarray, origin_m: FloatArray, resolution_m: float) -> FloatArray:
@@ -25,7 +25,7 @@ def discs_of(occupied: np.ndarray, origin_m: FloatArray, resolution_m: float) ->
         resolution_m: Side of a cell, m.
 
     Returns:
-        (k, 3) x, y, radius in map, m. Together the discs cover every occupied cell.
+        (k, 3) x, y, radius in map, m. The discs cover every occupied cell.
     """
     if not occupied.size:
         return np.empty((0, 3))
@@ -41,14 +41,14 @@ def discs_of(occupied: np.ndarray, origin_m: FloatArray, resolution_m: float) ->
     for disc, end in zip(discs, ends.tolist(), strict=True):
         (disc[0], disc[1]), disc[2] = cv2.minEnclosingCircle(centres[first:end])
         first = end
-    discs[:, 2] += math.sqrt(0.5)  # to the cells' corners
+    discs[:, 2] += math.sqrt(0.5)  # reach the cells' corners
     discs *= resolution_m
     discs[:, :2] += origin_m
     return discs
 
 
 def on_discs(points: FloatArray, discs: FloatArray) -> NDArray[np.bool_]:
-    """Tell which points lie on a disc.
+    """Find the points that lie on a disc.
 
     Args:
         points: (n, 2) x, y, m.
@@ -62,9 +62,9 @@ def on_discs(points: FloatArray, discs: FloatArray) -> NDArray[np.bool_]:
 
 
 def _groups(label: np.ndarray, cells: np.ndarray, tile: int) -> np.ndarray:
-    """(n,) a number for each of cells (n, 2): that of its component, or of its tile in a long one.
+    """Number each of cells (n, 2) by its component, or by its tile in a long component.
 
-    label: (n,) of the component, from 1; tile: cells along a tile's side.
+    ``label`` (n,) is the number of the component, from 1. ``tile`` is the side of a tile in cells.
     """
     order = np.argsort(label, kind="stable")
     first = np.flatnonzero(np.diff(label[order], prepend=0))

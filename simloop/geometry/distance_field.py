@@ -1,10 +1,10 @@
-"""Look-ups in a distance field: one bilinear kernel, with an explicit rule for its border.
+"""Look up distances in a distance field, with an explicit rule for its border.
 
-What lies outside the field is unknown. A caller has to choose how to read it:
+The area outside the field is unknown. The caller chooses the distance there:
 
-- ``"edge"``: as far from an obstacle as the nearest point of the field. A wall that reaches the
-  border goes on outside, so a path cannot slip past the end of what has been seen.
-- ``"free"``: `FREE_M` from everything.
+- ``"edge"``: the distance at the nearest point of the field. A wall that reaches the border
+  continues outside, so a path cannot go around its seen end.
+- ``"free"``: `FREE_M`.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from numpy.typing import NDArray
 from simloop.messages import FloatArray, WorldView
 
 FREE_M = 1e3
-"""Clearance where nothing is known to be near, m."""
+"""Distance where no obstacle is known, m."""
 
 Border = Literal["edge", "free"]
-"""How a look-up outside the field is answered."""
+"""The rule for a look-up outside the field."""
 
 
 class Field(NamedTuple):
-    """A distance field in the form that compiled kernels take.
+    """Distance field in the form that compiled kernels take.
 
     Attributes:
         distance: (rows, cols) float32 [iy, ix], distance of each cell's centre to the nearest
@@ -34,7 +34,7 @@ class Field(NamedTuple):
         x0: x of the centre of cell (0, 0), in map, m.
         y0: y of the centre of cell (0, 0), in map, m.
         resolution: Side of a cell, m.
-        free_outside: Whether the border is ``"free"``; else it is ``"edge"``.
+        free_outside: Whether the border rule is ``"free"``; otherwise it is ``"edge"``.
     """
 
     distance: NDArray[np.float32]
@@ -49,7 +49,7 @@ def field_of(view: WorldView, *, outside: Border) -> Field:
 
     Args:
         view: The view, in map. Without a distance field everything is free.
-        outside: How a look-up outside the field is answered.
+        outside: The rule for a look-up outside the field.
 
     Returns:
         The field, for `distance_at` and `footprint_clearance`.
@@ -65,21 +65,21 @@ def interpolate(distance: NDArray[np.float32], u: float, v: float, free_outside:
     """Interpolate a distance field bilinearly between the centres of its cells.
 
     Args:
-        distance: (rows, cols) [iy, ix], m; of one cell at least, unless ``free_outside``.
-        u: Column, as a fraction: 0 is the centre of the first one.
-        v: Row, as a fraction: 0 is the centre of the first one.
-        free_outside: Whether everything beyond the outermost centres is free; else the value
-            there is that of the nearest point inside.
+        distance: (rows, cols) [iy, ix], m; at least one cell, unless ``free_outside``.
+        u: Column with its fraction; 0 is the centre of the first column.
+        v: Row with its fraction; 0 is the centre of the first row.
+        free_outside: Whether everything beyond the outermost centres is free. Otherwise the value
+            of the nearest point inside is used there.
 
     Returns:
-        The distance, m; `FREE_M` outside if that is free.
+        The distance, m; `FREE_M` outside the field if ``free_outside``.
     """
     rows, cols = distance.shape
     if free_outside and not (0.0 <= u < cols - 1.0 and 0.0 <= v < rows - 1.0):
         return FREE_M
     u = min(max(u, 0.0), cols - 1.0)
     v = min(max(v, 0.0), rows - 1.0)
-    # On the last row or column the cell before it is taken; a single one is its own neighbour.
+    # On the last row or column, start from the one before it. A single one is its own neighbour.
     i = min(int(u), cols - 2) if cols > 1 else 0
     j = min(int(v), rows - 2) if rows > 1 else 0
     i1 = min(i + 1, cols - 1)
@@ -93,12 +93,12 @@ def interpolate(distance: NDArray[np.float32], u: float, v: float, free_outside:
 
 @njit(cache=True)
 def distance_at(field: Field, x: float, y: float) -> float:
-    """Return the distance of a point to the nearest obstacle.
+    """Look up the distance of a point to the nearest obstacle.
 
     Args:
         field: The field, with the rule for its border.
-        x: Of the point, in map, m.
-        y: Of the point, in map, m.
+        x: x of the point in map, m.
+        y: y of the point in map, m.
 
     Returns:
         The distance, m.
@@ -109,17 +109,17 @@ def distance_at(field: Field, x: float, y: float) -> float:
 
 @njit(cache=True)
 def footprint_clearance(field: Field, x: float, y: float, yaw: float, offsets: FloatArray) -> float:
-    """Return the least distance of the footprint's discs to the nearest obstacle.
+    """Look up the least distance from the centres of the footprint's discs to an obstacle.
 
     Args:
         field: The field, with the rule for its border.
-        x: Of base_link, in map, m.
-        y: Of base_link, in map, m.
-        yaw: Of base_link, in map, rad.
-        offsets: (n,) where the centres of the discs lie along the robot's heading, m.
+        x: x of base_link in map, m.
+        y: y of base_link in map, m.
+        yaw: Yaw of base_link in map, rad.
+        offsets: (n,) offsets of the discs' centres along the robot's heading, m.
 
     Returns:
-        The least distance of any disc's centre, m.
+        The least distance over all centres, m.
     """
     least = FREE_M
     cos, sin = math.cos(yaw), math.sin(yaw)

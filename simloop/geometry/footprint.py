@@ -1,4 +1,4 @@
-"""The rectangular footprint among points: distances, and how far a motion is free."""
+"""Compute distances from the rectangular footprint to points, and the free part of a motion."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from numba import njit
 
 from simloop.messages import FloatArray
 
-_STEP_M = 0.02
-_STEP_RAD = 0.04
-_FINER = 20  # steps for one, where a corner could else pass a point unseen
-_HALVINGS = 4
+_STEP_M = 0.02  # longest step along an arc
+_STEP_RAD = 0.04  # largest turn of a step
+_FINER = 20  # number of fine steps per step, used for points within the margin
+_HALVINGS = 4  # number of bisections of the step that ends the free part
 
 
 @njit(cache=True)
 def rectangle_distance(x: float, y: float, half_length: float, half_width: float) -> float:
-    """Return the signed distance from a point to a rectangle about the origin.
+    """Compute the signed distance from a point to a rectangle centred at the origin.
 
     Args:
-        x: Of the point, in the rectangle's frame, m.
-        y: Of the point, in the rectangle's frame, m.
+        x: x of the point in the rectangle's frame, m.
+        y: y of the point in the rectangle's frame, m.
         half_length: Half the rectangle's side along x, m.
         half_width: Half the rectangle's side along y, m.
 
@@ -34,11 +34,11 @@ def rectangle_distance(x: float, y: float, half_length: float, half_width: float
 
 @njit(cache=True)
 def arc_end(ahead: float, turned: float) -> tuple[float, float]:
-    """Return where an arc from the origin ends that starts along x.
+    """Compute the end of an arc that starts at the origin along x.
 
     Args:
         ahead: Length of the arc, m.
-        turned: By how much the heading turns along it, rad.
+        turned: Turn of the heading along the arc, rad.
 
     Returns:
         x, y of the end, m.
@@ -50,11 +50,11 @@ def arc_end(ahead: float, turned: float) -> tuple[float, float]:
 
 @njit(cache=True)
 def points_in(pose: FloatArray, seen_from: FloatArray, points: FloatArray) -> FloatArray:
-    """Express points in another frame.
+    """Transform points into another frame.
 
     Args:
-        pose: (3,) x, y, yaw of the frame that is wanted, m, m, rad.
-        seen_from: (3,) x, y, yaw of the frame that the points are given in.
+        pose: (3,) x, y, yaw of the target frame, m, m, rad.
+        seen_from: (3,) x, y, yaw of the frame in which the points are given.
         points: (n, 2) x, y in the frame ``seen_from``, m.
 
     Returns:
@@ -73,14 +73,14 @@ def points_in(pose: FloatArray, seen_from: FloatArray, points: FloatArray) -> Fl
 
 @njit(cache=True)
 def nearer_than(points: FloatArray, reach: float) -> FloatArray:
-    """Keep the points within a distance of the origin; the array given is overwritten.
+    """Select the points within a distance of the origin, in place.
 
     Args:
-        points: (n, 2) x, y, m.
+        points: (n, 2) x, y, m; overwritten.
         reach: The distance, m.
 
     Returns:
-        (k, 2) the points kept: a view of the first rows of ``points``.
+        (k, 2) the selected points: a view of the first rows of ``points``.
     """
     k = 0
     for i in range(points.shape[0]):
@@ -92,7 +92,7 @@ def nearer_than(points: FloatArray, reach: float) -> FloatArray:
 
 @njit(cache=True)
 def near_points(points: FloatArray, pose: FloatArray, near_m: float) -> FloatArray:
-    """Express in map the points that lie within a distance of where they were seen from.
+    """Select the points within a distance of a pose, and transform them to map.
 
     Args:
         points: (n, 2) x, y in the frame of ``pose``, m.
@@ -100,7 +100,7 @@ def near_points(points: FloatArray, pose: FloatArray, near_m: float) -> FloatArr
         near_m: The distance, m.
 
     Returns:
-        (k, 2) the near ones, in map, m.
+        (k, 2) the near points in map, m.
     """
     out, k = np.empty_like(points), 0
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
@@ -122,7 +122,7 @@ def _hindered(
     half_width: float,
     margin: float,
 ) -> bool:
-    """Whether the footprint is within a margin of a point, and nearer than before, after an arc."""
+    """Return whether an arc brings the footprint within a margin of a point, and nearer to it."""
     cx, cy = arc_end(ahead, turned)
     cos, sin = math.cos(turned), math.sin(turned)
     reach = math.hypot(half_length, half_width) + margin
@@ -150,7 +150,7 @@ def _free_of(
     margin: float,
     steps: int,
 ) -> float:
-    """What `free_fraction` returns, as far as that many steps along the arc can tell."""
+    """Return the free fraction of an arc, tested at ``steps`` steps along it."""
     for step in range(1, steps + 1):
         f = step / steps
         if _hindered(points, f * ahead, f * turned, half_length, half_width, margin):
@@ -195,18 +195,19 @@ def free_fraction(
     half_width: float,
     margin: float,
 ) -> float:
-    """Return how much of a motion is free before the footprint comes within a margin of a point.
+    """Compute the part of a motion that is free until the footprint is within a margin of a point.
 
-    The motion is an arc. A point that is within the margin already hinders only what brings it
-    nearer. No margin makes up for what lies between two steps there, so the steps are finer.
+    The motion is an arc. A point that is already within the margin blocks only motions that bring
+    the footprint nearer to it. For such points the margin does not cover the motion between two
+    steps, so the steps are finer.
 
     Args:
-        points: (n, 2) x, y in base_link as it stands now, m.
+        points: (n, 2) x, y in the present base_link, m.
         ahead: Length of the arc, m; negative backwards.
-        turned: By how much the heading turns along it, rad.
+        turned: Turn of the heading along the arc, rad.
         half_length: Half the footprint's length, m.
         half_width: Half the footprint's width, m.
-        margin: Distance that is to be kept from the points, m.
+        margin: Distance to keep from the points, m.
 
     Returns:
         The free part of the motion, 0 to 1.
@@ -224,12 +225,12 @@ def free_fraction(
 def room_after(
     points: FloatArray, ahead: float, turned: float, half_length: float, half_width: float
 ) -> float:
-    """Return the distance from the footprint to the nearest point once an arc has been driven.
+    """Compute the distance from the footprint to the nearest point after an arc.
 
     Args:
         points: (n, 2) x, y in base_link before the motion, m.
         ahead: Length of the arc, m; negative backwards.
-        turned: By how much the heading turns along it, rad.
+        turned: Turn of the heading along the arc, rad.
         half_length: Half the footprint's length, m.
         half_width: Half the footprint's width, m.
 

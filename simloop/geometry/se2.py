@@ -1,7 +1,7 @@
-"""Plane rigid motions: a pose (x, y, yaw) is the transform ``a_from_b`` of SE(2), m, m, rad.
+"""Compute with plane poses: (x, y, yaw) is the transform ``a_from_b`` of SE(2), m, m, rad.
 
-The ``*_xyt`` kernels take and return scalars, so that compiled kernels can call them without an
-array in between. The functions without the suffix take (3,) arrays.
+The ``*_xyt`` kernels take and return scalars, so that compiled kernels can call them without
+creating arrays. The functions without the suffix take (3,) arrays.
 """
 
 from __future__ import annotations
@@ -18,7 +18,9 @@ TWO_PI = 2.0 * math.pi
 
 @njit(cache=True)
 def wrap_angle(angle: float) -> float:
-    """Wrap an angle to (-pi, pi]. The result is exact, because fmod is.
+    """Wrap an angle to (-pi, pi].
+
+    The result is exact, because fmod is exact.
 
     Args:
         angle: Any angle, rad.
@@ -71,7 +73,7 @@ def compose_xyt(
 
 @njit(cache=True)
 def inverse_xyt(x: float, y: float, yaw: float) -> tuple[float, float, float]:
-    """Invert a pose: b_from_a of a_from_b.
+    """Invert a pose: compute b_from_a from a_from_b.
 
     Args:
         x: x of a_from_b, m.
@@ -89,7 +91,7 @@ def inverse_xyt(x: float, y: float, yaw: float) -> tuple[float, float, float]:
 def interpolate_xyt(
     ax: float, ay: float, at: float, bx: float, by: float, bt: float, fraction: float
 ) -> tuple[float, float, float]:
-    """Interpolate between two poses: straight in x and y, the short way in yaw.
+    """Interpolate between two poses, linearly in x and y and over the shorter turn in yaw.
 
     Args:
         ax: x of the first pose, m.
@@ -98,10 +100,10 @@ def interpolate_xyt(
         bx: x of the second pose, m.
         by: y of the second pose, m.
         bt: Yaw of the second pose, rad.
-        fraction: Of the way from the first to the second, 0 to 1.
+        fraction: 0 gives the first pose, 1 the second.
 
     Returns:
-        x, y, yaw of the pose between them, m, m, rad; yaw wrapped.
+        x, y, yaw of the interpolated pose, m, m, rad; yaw wrapped.
     """
     return (
         ax + fraction * (bx - ax),
@@ -136,7 +138,7 @@ def inverse(a_from_b: FloatArray) -> FloatArray:
 
 
 def between(w_from_a: FloatArray, w_from_b: FloatArray) -> FloatArray:
-    """Return where b stands as seen from a.
+    """Compute the pose of b in the frame of a.
 
     Args:
         w_from_a: (3,) pose of a in a common frame w, m, m, rad.
@@ -149,7 +151,7 @@ def between(w_from_a: FloatArray, w_from_b: FloatArray) -> FloatArray:
 
 
 def transform_points(a_from_b: FloatArray, points: FloatArray) -> FloatArray:
-    """Express points of frame b in frame a.
+    """Transform points from frame b to frame a.
 
     Args:
         a_from_b: (3,) x, y, yaw, m, m, rad.
@@ -165,13 +167,13 @@ def transform_points(a_from_b: FloatArray, points: FloatArray) -> FloatArray:
 
 
 def about_face(pose: FloatArray) -> FloatArray:
-    """Return the pose of a robot that takes its rear for its front.
+    """Turn a pose by half a turn, so that the robot's rear becomes its front.
 
     Args:
         pose: (3,) or longer: x, y, yaw, m, m, rad.
 
     Returns:
-        (3,) the same place with yaw turned by pi and wrapped.
+        (3,) the same position with yaw turned by pi and wrapped.
     """
     return np.array([pose[0], pose[1], wrap_angle(pose[2] + math.pi)])
 

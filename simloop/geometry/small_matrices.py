@@ -1,4 +1,4 @@
-"""Products of small matrices, compiled; the zeros of sparse ones are skipped."""
+"""Multiply small matrices and skip the zeros of sparse ones (compiled)."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from simloop.messages import FloatArray
 
 @njit(cache=True)
 def squared_mahalanobis(residual: FloatArray, covariance: FloatArray) -> float:
-    """Return r^T S^-1 r of an innovation.
+    """Compute the squared Mahalanobis distance r^T S^-1 r of an innovation.
 
     Args:
         residual: (n,) innovation r.
-        covariance: (n, n) its covariance S.
+        covariance: (n, n) covariance S of the innovation.
 
     Returns:
         The squared Mahalanobis distance.
@@ -24,7 +24,7 @@ def squared_mahalanobis(residual: FloatArray, covariance: FloatArray) -> float:
 
 @njit(cache=True)
 def product(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return a b, skipping the zeros of a.
+    """Compute a b, skipping the zeros of a.
 
     Args:
         a: (n, k).
@@ -45,7 +45,7 @@ def product(a: FloatArray, b: FloatArray) -> FloatArray:
 
 @njit(cache=True)
 def sandwich(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return a b a^T, skipping the zeros of a.
+    """Compute a b a^T, skipping the zeros of a.
 
     Args:
         a: (n, k).
@@ -59,7 +59,7 @@ def sandwich(a: FloatArray, b: FloatArray) -> FloatArray:
 
 @njit(cache=True)
 def dot(a: FloatArray, b: FloatArray) -> float:
-    """Return a . b, skipping the zeros of a.
+    """Compute the scalar product a . b, skipping the zeros of a.
 
     Args:
         a: (n,).
@@ -77,7 +77,7 @@ def dot(a: FloatArray, b: FloatArray) -> float:
 
 @njit(cache=True)
 def times(p: FloatArray, row: FloatArray) -> FloatArray:
-    """Return p row for a row that is mostly zeros.
+    """Compute the product p row for a row that is mostly zeros.
 
     Args:
         p: (n, n), symmetric.
@@ -114,14 +114,14 @@ def inverse_3(a: FloatArray) -> FloatArray:
 
 @njit(cache=True)
 def pair_mahalanobis(r: float, s: float, a: float, b: float, c: float) -> float:
-    """Return the squared Mahalanobis distance of a pair.
+    """Compute the squared Mahalanobis distance of two values.
 
     Args:
-        r: First component.
-        s: Second component.
-        a: Variance of the first.
-        b: Covariance of the two.
-        c: Variance of the second.
+        r: First value.
+        s: Second value.
+        a: Variance of the first value.
+        b: Covariance of the two values.
+        c: Variance of the second value.
 
     Returns:
         [r, s] [[a, b], [b, c]]^-1 [r, s]^T.

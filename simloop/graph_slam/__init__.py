@@ -1,1 +1,1 @@
-"""SLAM over long ways: scan matching to submaps, loop closures, and a graph of keyframe poses."""
+"""SLAM over long distances: scans matched to submaps, loop closures, a graph of keyframes."""

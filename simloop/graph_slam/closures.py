@@ -1,12 +1,12 @@
-"""Finds loop closures: places where the last few scans fit an old submap.
+"""Find loop closures: places where the last few scans fit an old submap.
 
 The scans of the last few keyframes are matched together, as one cluster, because a single scan
-fits in many places, for instance in a corridor. The search window is what the graph leaves open:
-three standard deviations of the pose. A match is accepted if
+fits in many places, for instance in a corridor. The half width of the search window is three
+standard deviations of the pose in the graph. A match is accepted if
 
 - most of its points that lie in known cells lie on surfaces,
 - no other place in the window fits nearly as well, and
-- the window was small, or a second match says the same.
+- the window was small, or a second match confirms it.
 """
 
 from __future__ import annotations
@@ -24,26 +24,26 @@ from simloop.graph_slam.submap import Submap, meetings
 from simloop.mapping.correlative import thinned
 from simloop.messages import FloatArray
 
-_THIN_M = 0.1  # grain to which a cluster's points are thinned
-_RIVAL_M, _RIVAL_RAD = 0.5, 0.35  # a match farther off than this is of another place
+_THIN_M = 0.1  # at most one point of a cluster is kept in each square of this side
+_RIVAL_M, _RIVAL_RAD = 0.5, 0.35  # two matches farther apart than this are different places
 _AGREE_M, _AGREE_RAD = 0.3, 0.06  # two matches that differ by less confirm each other
-_MOST_CANDIDATES = 3  # submaps searched for one keyframe
-_FORGET_KEYFRAMES = 40  # after so many, a match that none confirmed is dropped
+_MOST_CANDIDATES = 3  # most submaps that are searched for one keyframe
+_FORGET_KEYFRAMES = 40  # an unconfirmed match is dropped after this many keyframes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Match:
-    """A closure found; ``sure``: it needs no second match to confirm it."""
+    """A closure that was found. If ``sure``, it needs no second match to confirm it."""
 
     edge: Edge
     sure: bool
 
 
 class ClosureFinder:
-    """Searches old submaps for the place of the newest keyframe.
+    """Search for the newest keyframe in old submaps.
 
     Attributes:
-        tried: how many submaps have been searched.
+        tried: number of submaps searched so far.
     """
 
     def __init__(self, config: MappingConfig, graph: PoseGraph) -> None:
@@ -68,11 +68,11 @@ class ClosureFinder:
             local: pose (3,) of each keyframe in the front end's frame.
 
         Returns:
-            The accepted closures: of the newest keyframe, and of earlier ones that it confirms.
+            The accepted closures, of the newest keyframe and of earlier ones that it confirms.
         """
         newest = len(local) - 1
         first = max(0, newest - self._config.cluster_keyframes + 1)
-        # A submap that holds scans of the cluster itself would match them with themselves.
+        # A submap that holds scans of the cluster would match these scans with themselves.
         old = [s for s in submaps if s.finished and s.keyframes[-1] < first]
         if not old:
             return []
@@ -90,7 +90,7 @@ class ClosureFinder:
         return accepted
 
     def _candidates(self, old: list[Submap], newest: int, place: FloatArray) -> list[Submap]:
-        """The old submaps in which the newest keyframe may stand, nearest first."""
+        """Return the old submaps that may contain the newest keyframe, nearest first."""
         poses = np.array(self._graph.poses)[:, :2]
         ranked = []
         for submap in old:
@@ -108,28 +108,28 @@ class ClosureFinder:
         """Match the cluster to a submap within ``window`` (2,) m, rad of the graph's prediction."""
         config, poses = self._config, self._graph.poses
         predicted = compose(submap.anchor_pose, between(poses[submap.anchor], poses[newest]))
-        # A little wider than predicted: for the cells' grain, and for a variance of nearly zero.
+        # Widen the window a little: cells have a size, and the variance may be nearly zero.
         window = np.minimum(
             window + np.array([2.0 * config.grid.resolution_m, 0.03]),
             (config.most_window_m, config.most_window_rad),
         )
-        weights = 0.05 / window**2  # 5 % of the score at the edge: of equals, the nearest
+        weights = 0.05 / window**2  # 5 % of the score at the edge: the nearest of equals wins
         found, score = submap.grid.search(
             cluster, predicted, window, weights, config.closure_least_score
         )
         if score < 0.0:
             return None
-        # A refinement that leaves the raster's pose by far has slid along to somewhere else.
+        # A refinement that moves far from the pose on the raster has slid to another place.
         pose, information, _, residual = submap.grid.refine(cluster, found)
         moved = math.dist(pose[:2], found[:2])
         if residual > config.grid.most_residual or moved > 3.0 * config.grid.resolution_m:
             return None
-        # Walls fit walls in many wrong places; there, points stand where the map has free space.
+        # Walls fit walls in many wrong places. There, some points lie in the map's free space.
         agreement, overlap = meetings(submap.grid, cluster, pose)
         if agreement < config.agreement or overlap < config.least_overlap:
             return None
-        # In a wide window, search again without the neighbourhood of the match: places that look
-        # alike cannot be told apart.
+        # In a wide window, search again without the neighbourhood of the match. If another place
+        # fits nearly as well, the two cannot be told apart.
         if window[0] > _RIVAL_M:
             excluded = np.array([[*found, _RIVAL_M, _RIVAL_RAD]])
             least = config.rival_score * score
@@ -143,12 +143,12 @@ class ClosureFinder:
     def _covariance(
         self, submap: Submap, pose: FloatArray, information: FloatArray, residual: float
     ) -> FloatArray:
-        """(3, 3) covariance of a match, in the axes of the submap's anchor."""
+        """Return the covariance (3, 3) of a match, in the axes of the submap's anchor."""
         covariance = match_covariance(information, residual, self._config)
         return rotated_covariance(covariance, -submap.anchor_pose[2])
 
     def _confirm(self, match: _Match, local: list[FloatArray]) -> list[Edge]:
-        """Accept a sure match at once, and another together with one that confirms it."""
+        """Accept a sure match at once; accept another only with a match that confirms it."""
         if match.sure:
             return [match.edge]
         newest = match.edge.second
@@ -158,7 +158,7 @@ class ClosureFinder:
         for other in self._waiting:
             if other.second == newest:
                 continue
-            # Where the earlier match puts the newest keyframe: its own pose, and the motion since.
+            # Where the earlier match puts the newest keyframe: its pose plus the motion since.
             motion = between(local[other.second], local[newest])
             expected = compose(compose(poses[other.first], other.pose), motion)
             near = math.dist(place[:2], expected[:2]) <= _AGREE_M
@@ -170,7 +170,7 @@ class ClosureFinder:
 
 
 def cluster_of(points: list[FloatArray], poses: list[FloatArray], most: int) -> FloatArray:
-    """Join several scans to one.
+    """Join several scans into one.
 
     Args:
         points: hits (n, 2) of each scan in its own base_link, m.
@@ -178,7 +178,7 @@ def cluster_of(points: list[FloatArray], poses: list[FloatArray], most: int) -> 
         most: about how many points to keep.
 
     Returns:
-        (k, 2) points in base_link at the last scan, m, the newest scan's first.
+        (k, 2) points in base_link at the last scan, m. The newest scan's points come first.
     """
     parts = [
         transform_points(between(poses[-1], pose), some)

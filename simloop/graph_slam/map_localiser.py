@@ -1,7 +1,7 @@
-"""Localises the robot in a map that is given, from a known start or from none.
+"""Localise the robot in a given map, from a known or an unknown start.
 
-A lost robot reports that it is lost. It then searches the whole map with the scans of its last
-metres together: a single scan, of a corridor or a corner, fits in many places.
+A lost robot reports that it is lost. It then joins the scans of its last metres and searches the
+whole map for them. A single scan, of a corridor or a corner, fits in many places.
 """
 
 from __future__ import annotations
@@ -20,23 +20,24 @@ from simloop.graph_slam.submap import meetings
 from simloop.mapping.grid_map import GridMap
 from simloop.messages import FloatArray
 
-_RIVAL_M, _RIVAL_RAD = 0.5, 0.35
-_COARSE_POINTS = 150
-_MOST_RIVALS = 6  # more places than that look alike: nothing is told apart
-_CLEARLY = 0.02  # of the points, by which a rival must stand in free space more
-_NO_WEIGHTS = np.zeros(2)
-_START_STD, _FOUND_STD = (0.1, 0.1, 0.05), (0.05, 0.05, 0.02)  # x, y, yaw
+_RIVAL_M, _RIVAL_RAD = 0.5, 0.35  # two poses farther apart than this are different places
+_COARSE_POINTS = 150  # about how many points the search of the whole map uses
+_MOST_RIVALS = 6  # if more places than this look alike, the search gives no result
+_CLEARLY = 0.02  # share of points: a rival must have this many more in free space
+_NO_WEIGHTS = np.zeros(2)  # no penalty for the distance from the middle of the window
+# Standard deviations of x, y, m, and yaw, rad: at a known start, and at a place that was found.
+_START_STD, _FOUND_STD = (0.1, 0.1, 0.05), (0.05, 0.05, 0.02)
 
 
 class MapLocaliser:
-    """Tracks the robot in a map, to which it adds nothing.
+    """Tracker of the robot in a map that does not change.
 
-    A place found by searching the whole map counts once the robot has moved on and the scans
-    still fit.
+    A place that the search of the whole map finds is accepted later: when the robot has moved on
+    and the scans still fit.
 
     Attributes:
         lost: whether the pose is only a guess.
-        relocalised: how often the robot found itself in the whole map.
+        relocalised: how often a search of the whole map found the robot.
     """
 
     def __init__(
@@ -47,7 +48,7 @@ class MapLocaliser:
         Args:
             grid: the map.
             config: settings.
-            pose: (3,) base_link in map at the first scan; None if it is unknown.
+            pose: (3,) base_link in map at the first scan; None if unknown.
         """
         self._grid, self._config = grid, config
         self._tracker = ScanTracker(config)
@@ -66,7 +67,7 @@ class MapLocaliser:
         return self._tracker.pose.copy()
 
     def step(self, points: FloatArray, odom: FloatArray) -> bool:
-        """Take a scan.
+        """Process a scan.
 
         Args:
             points: (n, 2) hits in base_link, m.
@@ -93,12 +94,12 @@ class MapLocaliser:
         return not self.lost
 
     def _believable(self, points: FloatArray) -> bool:
-        """Whether the match is credible: at a wrong place, points stand in the map's free space."""
+        """Return whether the match is credible: few points lie in the map's free space."""
         agreement, known = meetings(self._grid, points, self._tracker.pose)
         return agreement >= self._config.track_agreement and known >= self._config.least_share
 
     def _find(self, cluster: FloatArray) -> None:
-        """Search the whole map; a place found still has to prove itself."""
+        """Search the whole map. A place that is found must still be confirmed by motion."""
         pose = relocalise(self._grid, cluster, self._config)
         if pose is not None:
             self._set(pose, _FOUND_STD)
@@ -110,7 +111,7 @@ class MapLocaliser:
 
 
 class _Lookout:
-    """A lost robot's picture of what is about it: the last scans, put together by matching."""
+    """Collector of a lost robot's last scans, which are joined by matching."""
 
     def __init__(self, config: MappingConfig) -> None:
         self._config, self._tracker = config, ScanTracker(config)
@@ -119,7 +120,7 @@ class _Lookout:
         self._poses: list[FloatArray] = []
 
     def look(self, points: FloatArray, motion: FloatArray) -> FloatArray | None:
-        """(n, 2) what it has seen, in base_link, if the robot has moved on; else None."""
+        """Return the joined points (n, 2) in base_link if the robot has moved on, else None."""
         if self._poses:
             self._tracker.predict(motion)
             self._tracker.match(self._grid, points, motion)
@@ -133,25 +134,25 @@ class _Lookout:
 
 
 def _apart(a: FloatArray, b: FloatArray, config: MappingConfig) -> bool:
-    """Whether a robot has moved on from ``a`` by as much as makes a keyframe."""
+    """Return whether ``a`` and ``b`` are as far apart as two keyframes."""
     off = between(a, b)
     return math.hypot(off[0], off[1]) >= config.keyframe_m or abs(off[2]) >= config.keyframe_rad
 
 
 def relocalise(grid: GridMap, points: FloatArray, config: MappingConfig) -> FloatArray | None:
-    """Find points in the whole map.
+    """Search the whole map for a set of points.
 
-    No pose on the search's raster is passed over that could fit better (branch and bound). All that
-    come near the best score are weighed by how many points stand where the map has free space.
+    The search is exact on its raster of poses (branch and bound). All places that come near the
+    best score are then compared by the share of points that lie in the map's free space.
 
     Args:
         grid: The map.
-        points: (n, 2) in base_link, m, of one scan or of several put together.
+        points: (n, 2) in base_link, m, of one scan or of several joined scans.
         config: The mapper's settings.
 
     Returns:
-        (3,) x, y, yaw of base_link in map, of the one place where they fit; None if they fit
-        nowhere, or at several places.
+        (3,) x, y, yaw of base_link in map at the only place where the points fit. None if they
+        fit nowhere, or at several places.
     """
     if not grid.occupied.any() or len(points) < 0.1 * config.cluster_points:
         return None
@@ -169,7 +170,7 @@ def relocalise(grid: GridMap, points: FloatArray, config: MappingConfig) -> Floa
 
 
 def _candidates(grid: GridMap, points: FloatArray, config: MappingConfig) -> Iterator[FloatArray]:
-    """The poses (3,) whose score comes near the best one, best first, all well apart."""
+    """Yield the poses (3,) with a score near the best one, best first and far apart."""
     rows, cols = grid.log_odds.shape
     centre = grid.origin_m + 0.5 * grid.resolution_m * np.array([cols, rows])
     reach = 0.5 * grid.resolution_m * max(rows, cols)

@@ -1,8 +1,9 @@
-"""The mapper: scans and wheel odometry in, trajectory and map out.
+"""Make a trajectory and a map from scans and wheel odometry.
 
 The front end matches each scan to a submap made of the scans before it. Its frame is smooth: the
 pose never jumps in it. The back end keeps a graph of keyframes, searches old submaps for loop
-closures, and optimises the graph. The pose in map follows the graph, and jumps when it changes.
+closures, and optimises the graph. The pose in map follows the graph, and jumps when the graph
+changes.
 """
 
 from __future__ import annotations
@@ -24,17 +25,17 @@ from simloop.messages import FloatArray
 STAGES = ("match", "insert", "closures", "graph")
 """Names of the stages that the profiler measures."""
 
-_LOST_KEYFRAMES = 3  # after so many in a row that fit nothing, a new submap is begun
+_LOST_KEYFRAMES = 3  # a new submap starts after this many unmatched keyframes in a row
 
 
 class GraphMapper:
-    """Maps one scan after the other, in the order of their times.
+    """Mapper that takes one scan after the other, in the order of their times.
 
     Attributes:
-        graph: the keyframes and what joins them.
+        graph: the keyframes and the edges between them.
         closures: the search for loop closures.
         submaps: all submaps, oldest first.
-        unmatched: how many scans fitted nothing.
+        unmatched: number of scans that fitted nowhere.
     """
 
     def __init__(
@@ -71,7 +72,7 @@ class GraphMapper:
 
     @property
     def pose(self) -> FloatArray:
-        """(3,) base_link in map, now."""
+        """(3,) present pose of base_link in map."""
         keyframe, offset = self._trail[-1]
         return compose(self.graph.poses[keyframe], offset)
 
@@ -81,7 +82,7 @@ class GraphMapper:
         return self._points
 
     def trajectory(self) -> FloatArray:
-        """Give the pose at every scan, as far as is known by now.
+        """Return the pose at every scan, by the present state of the graph.
 
         Returns:
             (n, 3) base_link in map.
@@ -89,11 +90,11 @@ class GraphMapper:
         return np.array([compose(self.graph.poses[k], offset) for k, offset in self._trail])
 
     def step(self, points: FloatArray, origins: FloatArray, odom: FloatArray) -> bool:
-        """Take a scan.
+        """Process a scan.
 
         Args:
             points: (n, 2) hits in base_link, m.
-            origins: (n, 2) where each beam began, in base_link, m.
+            origins: (n, 2) origin of each beam in base_link, m.
             odom: (3,) raw odometry, odom_from_base.
 
         Returns:
@@ -124,7 +125,7 @@ class GraphMapper:
                 self.graph.optimise()
 
     def map(self) -> GridMap:
-        """Make the map anew from all keyframes at their present poses.
+        """Build the map from all keyframes at their present poses.
 
         Returns:
             The map.
@@ -137,7 +138,7 @@ class GraphMapper:
         return grid
 
     def _keyframe(self, points: FloatArray, origins: FloatArray, matched: bool) -> None:
-        """Add a keyframe to graph and submaps, and search for closures now and then."""
+        """Add a keyframe to graph and submaps, and search for closures at some keyframes."""
         self._lost = 0 if matched else self._lost + 1
         self._points.append(points)
         self._origins.append(origins)
@@ -153,16 +154,16 @@ class GraphMapper:
                 closures = self.closures.find(self.submaps, self._points, self._locals)
             for edge in closures:
                 self.graph.add_edge(edge)
-            # Optimising is slow: only after a submap has ended, or for several closures at once.
+            # Optimisation is slow: do it only after a submap has ended, or for several closures.
             if len(closures) > 1 or self._submap_ended:
                 self._submap_ended = False
                 self.finish()
 
     def _join(self, local: FloatArray) -> int:
-        """Add a keyframe to the graph; its number.
+        """Add a keyframe to the graph and return its number.
 
         One edge joins it to the anchor of the submap to which it was matched. A second edge, to
-        the keyframe before, would count the same match twice.
+        the previous keyframe, would count the same match twice.
         """
         if not self._locals:
             return self.graph.add_pose(local)
@@ -174,9 +175,9 @@ class GraphMapper:
         return number
 
     def _enter(self, number: int, points: FloatArray, origins: FloatArray) -> None:
-        """Enter a keyframe in the active submaps, and begin and finish submaps when due."""
-        # Two overlapping submaps are active, so that the newer one is half full when the older one
-        # is finished and scans are matched to the newer one.
+        """Add a keyframe to the active submaps, and start and finish submaps when due."""
+        # Two overlapping submaps are active. The newer one is half full when the older one is
+        # finished; from then on, scans are matched to the newer one.
         half = self._config.submap_keyframes // 2
         if not self._active or len(self._active[-1].keyframes) >= half:
             self._active.append(Submap(self._config.grid, number, self._tracker.pose))
@@ -188,10 +189,10 @@ class GraphMapper:
             submap.add(number, points, origins, self._tracker.pose)
 
     def _end_submaps(self) -> None:
-        """Finish the active submaps: the scans no longer fit them."""
+        """Finish the active submaps, because the scans no longer fit them."""
         for submap in self._active:
             submap.finish()
         self._active = []
-        # The next submap begins at the present pose, which is exact relative to itself.
+        # The next submap starts at the present pose, which has no error relative to itself.
         self._tracker.covariance = np.zeros((3, 3))
         self._submap_ended = True

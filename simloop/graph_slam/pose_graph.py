@@ -1,7 +1,7 @@
-"""The graph of keyframes: measured relative poses, and the poses that fit them best.
+"""Keep the graph of keyframes: measured relative poses, and the poses that fit them best.
 
-gtsam (Dellaert 2012) optimises it by Levenberg-Marquardt. Loop closures have a robust (Cauchy)
-kernel, so that the other edges outvote a wrong one.
+gtsam (Dellaert 2012) optimises the graph by Levenberg-Marquardt. Loop closures have a robust
+(Cauchy) kernel, so that the other edges outvote a wrong closure.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from scipy.sparse.csgraph import dijkstra
 from simloop.common.errors import InputError
 from simloop.messages import FloatArray
 
-_ROBUST_SIGMAS = 3.0  # a closure off by more pulls with less than its full weight
-_LEVER_M = 5.0  # distance at which a yaw error counts when the best way is chosen
+_ROBUST_SIGMAS = 3.0  # scale of the Cauchy kernel: a larger residual has a reduced weight
+_LEVER_M = 5.0  # lever arm that turns a yaw error into a distance when the best path is chosen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,7 +30,7 @@ class Edge:
         second: number of the second keyframe.
         pose: (3,) first_from_second, m, m, rad.
         covariance: (3, 3) of x, y, yaw, in the axes of ``first``.
-        closure: whether it closes a loop.
+        closure: whether the edge is a loop closure.
     """
 
     first: int
@@ -47,7 +47,7 @@ def load_gtsam() -> Any:
         The module.
 
     Raises:
-        InputError: if it is not installed; the text says how to install it.
+        InputError: gtsam is not installed. The text says how to install it.
     """
     try:
         import gtsam
@@ -57,7 +57,9 @@ def load_gtsam() -> Any:
 
 
 class PoseGraph:
-    """Keyframes numbered as they come, and the edges between them; the first one is held fixed.
+    """Graph of keyframes and the edges between them. The first keyframe is held fixed.
+
+    Keyframes are numbered from 0 in the order in which they are added.
 
     Attributes:
         poses: map_from_base (3,) of each keyframe, m, m, rad.
@@ -77,7 +79,7 @@ class PoseGraph:
             pose: (3,) map_from_base, a first guess.
 
         Returns:
-            Its number.
+            Number of the keyframe.
         """
         self.poses.append(np.array(pose, np.float64))
         return len(self.poses) - 1
@@ -97,10 +99,10 @@ class PoseGraph:
         return self._new_closures > 0
 
     def optimise(self) -> float:
-        """Move all poses to where they fit the edges best.
+        """Move all poses so that they fit the edges best.
 
         Returns:
-            How far the last keyframe moved, m.
+            Distance by which the last keyframe moved, m.
         """
         graph, values = self._factors()
         result = self._gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
@@ -112,20 +114,23 @@ class PoseGraph:
         return math.dist(before[:2], self.poses[-1][:2])
 
     def covariances(self) -> list[FloatArray]:
-        """Compute the marginal covariance of every keyframe. Slow: for measurements only.
+        """Compute the marginal covariance of every keyframe.
+
+        This is slow, so it is used for measurements only.
 
         Returns:
-            (3, 3) of x, y, yaw of each keyframe in the axes of map, the first one held fixed.
+            (3, 3) of x, y, yaw of each keyframe, in the axes of map. The first keyframe is held
+            fixed.
         """
         marginals = self._gtsam.Marginals(*self._factors())
         out = []
         for number, pose in enumerate(self.poses):
-            # gtsam gives it in the keyframe's own axes.
+            # gtsam gives the covariance in the keyframe's own axes.
             out.append(rotated_covariance(np.array(marginals.marginalCovariance(number)), pose[2]))
         return out
 
     def _factors(self) -> tuple[Any, Any]:
-        """The graph and its present poses in gtsam's terms."""
+        """Return the graph and its present poses as gtsam objects."""
         gtsam = self._gtsam
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         for number, pose in enumerate(self.poses):
@@ -144,26 +149,26 @@ class PoseGraph:
         return graph, values
 
     def uncertainty(self, source: int) -> tuple[FloatArray, FloatArray]:
-        """Bound the uncertainty of all keyframes relative to one of them.
+        """Compute an upper bound of the uncertainty of all keyframes relative to one of them.
 
-        It is an upper bound: that along the best single path through the graph (Olson 2008). A yaw
-        error at one keyframe of the path moves the far end in proportion to its distance.
+        The bound is the uncertainty along the best single path through the graph (Olson 2008). A
+        yaw error at one keyframe of the path moves the far end in proportion to its distance.
 
         Args:
-            source: number of the keyframe from which the others are seen.
+            source: number of the keyframe to which the others are relative.
 
         Returns:
             Standard deviations of all keyframes' positions (n,), m, and yaws (n,), rad; inf for a
-            keyframe that no edges join to the source.
+            keyframe that no path joins to the source.
         """
         n = len(self.poses)
         first = np.array([edge.first for edge in self.edges])
         second = np.array([edge.second for edge in self.edges])
         along = np.array([edge.covariance[0, 0] + edge.covariance[1, 1] for edge in self.edges])
         turn = np.array([edge.covariance[2, 2] for edge in self.edges])
-        # The path is chosen as if the far end lay five metres from each yaw error.
+        # The cost of an edge assumes that the far end lies _LEVER_M from each yaw error.
         cost = along + _LEVER_M**2 * turn
-        # Of several edges between two keyframes the best one counts: it is written last.
+        # If several edges join two keyframes, the best one counts: it is written last.
         order = np.argsort(-cost, kind="stable")
         pairs = {}
         for k in order.tolist():
@@ -182,14 +187,14 @@ def _path_deviations(
     turn: FloatArray,
     poses: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Standard deviations of position and yaw of each keyframe, along the tree of best paths."""
+    """Return the standard deviations of position and yaw along the tree of best paths."""
     n = len(parents)
     # Sums along each path: var xy, var yaw, and var yaw times (x, y, x^2 + y^2) of the keyframe
-    # where it arises. From these the effect on any end follows without walking the path again.
+    # where the yaw error arises. They give the effect on any far end in one formula.
     sums = np.full((n, 5), np.nan)
     sums[source] = 0.0
     for start in range(n):
-        # Back towards the source, to the first keyframe whose sums are known ...
+        # Walk back towards the source, to the first keyframe whose sums are known.
         path, node = [], start
         while np.isnan(sums[node, 0]):
             parent = int(parents[node])
@@ -198,7 +203,7 @@ def _path_deviations(
                 break
             path.append(node)
             node = parent
-        # ... and out again, adding edge by edge. An edge's yaw error arises at its near end.
+        # Walk out again and add edge by edge. An edge's yaw error arises at its near end.
         for node in reversed(path):
             parent = int(parents[node])
             k = pairs[min(node, parent), max(node, parent)]
@@ -217,11 +222,11 @@ def _path_deviations(
 
 
 def rotated_covariance(covariance: FloatArray, yaw: float) -> FloatArray:
-    """Express a pose's covariance in other axes.
+    """Rotate the covariance of a pose into other axes.
 
     Args:
-        covariance: (3, 3) of x, y, yaw in frame b.
-        yaw: the yaw of b in frame a, rad.
+        covariance: (3, 3) of x, y, yaw in the axes of frame b.
+        yaw: yaw of b in frame a, rad.
 
     Returns:
         (3, 3) the same covariance in the axes of a: R C R^T.

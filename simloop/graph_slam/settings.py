@@ -1,4 +1,4 @@
-"""Settings of the mapper. None of them is for a particular robot, laser or building."""
+"""Define the settings of the mapper. None is for a particular robot, laser or building."""
 
 from __future__ import annotations
 
@@ -14,31 +14,32 @@ class MappingConfig:
     Attributes:
         grid: settings of the occupancy grids.
         range_max_m: longer ranges are ignored.
-        odometry_xy_m: standard deviation of a step of odometry at rest, per axis, m.
-        odometry_xy_per_m: the same, per metre of the step, m/m.
-        odometry_xy_per_rad: the same, per radian of the step, m/rad.
-        odometry_yaw_rad: standard deviation of the step's yaw at rest, rad.
-        odometry_yaw_per_m: the same, per metre of the step, rad/m.
-        odometry_yaw_per_rad: the same, per radian of the step, rad/rad.
-        search_points: how many points of a scan the search uses.
-        least_share: share of a scan's points that must lie on surfaces.
+        odometry_xy_m: standard deviation of an odometry step, constant part, per axis, m.
+        odometry_xy_per_m: part that grows with the length of the step, m/m.
+        odometry_xy_per_rad: part that grows with the turn of the step, m/rad.
+        odometry_yaw_rad: standard deviation of the step's yaw, constant part, rad.
+        odometry_yaw_per_m: part that grows with the length of the step, rad/m.
+        odometry_yaw_per_rad: part that grows with the turn of the step, rad/rad.
+        search_points: most points of a scan that the search uses.
+        least_share: least share of a scan's points that must lie on surfaces.
         erring_alike: how many points of a scan share the error of the surface they meet.
-        keyframe_m: distance from the last keyframe after which a scan becomes one.
-        keyframe_rad: the same, as a turn.
+        keyframe_m: distance from the last keyframe at which a scan becomes a keyframe.
+        keyframe_rad: turn from the last keyframe at which a scan becomes a keyframe.
         submap_keyframes: keyframes in a submap; the next submap begins halfway.
-        closure_every: a closure is searched for once in so many keyframes.
-        cluster_keyframes: keyframes whose scans are matched as one for a closure.
+        closure_every: closures are searched for at every n-th keyframe.
+        cluster_keyframes: number of keyframes whose scans are joined to search for a closure.
         cluster_points: about how many points such a cluster has.
-        closure_least_score: mean likelihood, 0 to 1, that a closure's points need.
-        agreement: share of the points in known cells that must lie on surfaces.
-        least_overlap: share of the points that must lie in known cells.
-        sure_window_m: search window up to which one match is enough; beyond, a second must agree.
-        most_window_m: largest search window.
+        closure_least_score: least mean likelihood, 0 to 1, of a closure's points.
+        agreement: least share of the points in known cells that must lie on surfaces.
+        least_overlap: least share of the points that must lie in known cells.
+        sure_window_m: up to this half width of the search window, one match is enough; in a
+            larger window, a second match must confirm it.
+        most_window_m: largest half width of the search window.
         most_window_rad: the same for the yaw.
-        rival_score: share of the best score that no other place may reach.
+        rival_score: no other place may reach this share of the best score.
         track_agreement: like ``agreement``, for a scan in a known map.
-        lost_scans: so many scans in a row that agree less mean that the robot is lost.
-        lookout_keyframes: a lost robot searches with the scans of so many keyframes.
+        lost_scans: the robot is lost after this many scans in a row that do not fit.
+        lookout_keyframes: number of keyframes whose scans a lost robot searches with.
     """
 
     grid: SlamConfig = field(default_factory=lambda: SlamConfig(match_std_xy_m=0.01))

@@ -1,4 +1,4 @@
-"""A submap: the scans of a few metres of travel, in the frame in which they were matched."""
+"""Keep a submap: the scans of a few metres of travel, in the frame of the scan matching."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from simloop.config import SlamConfig
 from simloop.mapping.grid_map import GridMap
 from simloop.messages import FloatArray
 
-_FREE_BELOW = -0.3  # log-odds of a cell that was seen free more than once
+_FREE_BELOW = -0.3  # a cell with lower log-odds was seen free more than once
 
 
 class Submap:
-    """A grid in the front end's own smooth frame, and the keyframes that are in it.
+    """Grid in the smooth frame of the front end, with the keyframes that were entered in it.
 
     The submap moves with its first keyframe, the anchor: when the graph moves the anchor in map,
     the whole submap moves with it.
@@ -26,7 +26,7 @@ class Submap:
         anchor: number of the anchor.
         anchor_pose: (3,) base_link at the anchor, in the front end's frame.
         keyframes: numbers of all keyframes in the grid.
-        finished: whether it is complete; only then is it searched for loop closures.
+        finished: whether it is complete. Only finished submaps are searched for loop closures.
     """
 
     def __init__(self, config: SlamConfig, anchor: int, anchor_pose: FloatArray) -> None:
@@ -48,14 +48,14 @@ class Submap:
         Args:
             keyframe: its number.
             points: (n, 2) hits in base_link, m.
-            origins: (n, 2) where each beam began, in base_link, m.
+            origins: (n, 2) origin of each beam in base_link, m.
             pose: (3,) base_link in the front end's frame.
         """
         self.keyframes.append(keyframe)
         self.grid.insert(points, origins, pose)
 
     def finish(self) -> None:
-        """Mark it as complete, and prepare it for searches."""
+        """Mark the submap as complete, and prepare it for searches."""
         self.finished = True
         self.grid.renew_fields()
 
@@ -63,8 +63,8 @@ class Submap:
 def meetings(grid: GridMap, points: FloatArray, pose: FloatArray) -> tuple[float, float]:
     """Measure how well a scan agrees with a map.
 
-    Points that lie in free cells count against a pose. A matcher's score does not see them: it
-    only rewards points on surfaces.
+    Points in free cells count against a pose. The score of the scan matcher does not see them,
+    because it only rewards points on surfaces.
 
     Args:
         grid: the map.
@@ -96,7 +96,7 @@ def _meetings(
     log_odds: NDArray[np.float32],
     occupied: NDArray[np.bool_],
 ) -> tuple[int, int]:
-    """How many points lie on or next to a surface, and how many amid free cells."""
+    """Count the points on or next to a surface, and the points among free cells."""
     rows, cols = log_odds.shape
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     met, free = 0, 0
@@ -104,10 +104,11 @@ def _meetings(
         x = pose[0] + cos * points[i, 0] - sin * points[i, 1]
         y = pose[1] + sin * points[i, 0] + cos * points[i, 1]
         row, col = math.floor((y - y0) / resolution), math.floor((x - x0) / resolution)
-        # The border is left out, so that every point has its eight neighbours.
+        # Points in the border cells are skipped, so that every cell has eight neighbours.
         if not (1 <= row < rows - 1 and 1 <= col < cols - 1):
             continue
-        # A point beside a surface is no contradiction: poses and surfaces err by about a cell.
+        # A point beside a surface does not contradict the map: poses and surfaces have errors of
+        # about a cell.
         near = False
         for r in range(row - 1, row + 2):
             for c in range(col - 1, col + 2):

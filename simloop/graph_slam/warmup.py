@@ -1,4 +1,4 @@
-"""Compiles the mapper's kernels on a small synthetic log, so that no timing includes it."""
+"""Compile the mapper's kernels on a small synthetic log, so that no timing includes it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def warm_up(report: Report = silent) -> int:
         report: called for each kernel that is compiled.
 
     Returns:
-        How many kernels were compiled.
+        Number of kernels that were compiled.
     """
     config = replace(MappingConfig(), submap_keyframes=2, cluster_keyframes=2, closure_every=1)
     side = np.linspace(-2.0, 2.0, 60)

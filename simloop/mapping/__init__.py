@@ -1,1 +1,1 @@
-"""The robot's map: an occupancy grid, the matching of scans to it, and map files."""
+"""Occupancy grid of the robot, the matching of scans to it, and map files."""

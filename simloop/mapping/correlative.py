@@ -1,11 +1,12 @@
-"""Correlative scan matching: find the best of all poses in a window by branch and bound.
+"""Match a scan by correlation: find the best pose in a window by branch and bound.
 
-After Olson 2009 ("Real-time correlative scan matching") and Hess et al. 2016 ("Real-time loop
-closure in 2D LIDAR SLAM"). A field holds how likely a hit is in each cell. Two coarser fields hold
-its maxima over blocks of 4 x 4 and of 16 x 16 cells. A coarse sum bounds every fine sum under it,
-so whole blocks of translations are skipped with one sum and the result is still exact.
+The method follows Olson 2009 ("Real-time correlative scan matching") and Hess et al. 2016
+("Real-time loop closure in 2D LIDAR SLAM"). A field holds the likelihood of a hit in each cell.
+Two coarser fields hold its maxima over blocks of 4 x 4 and of 16 x 16 cells. A coarse sum is an
+upper bound of every fine sum under it. So one sum can rule out a whole block of translations, and
+the result is still exact.
 
-All three fields are updated as surfaces come into the map: a new surface raises a few cells.
+All three fields are updated when a surface is added to the map: it raises a few cells.
 """
 
 from __future__ import annotations
@@ -23,17 +24,17 @@ from simloop.messages import FloatArray
 MID, TOP = 4, 16
 """Sides of the coarser fields' blocks, in cells."""
 
-_REACH = 3  # cells about a surface in which a hit is likely at all
+_REACH = 3  # a surface raises the cells up to this many cells away
 Field = NDArray[np.uint8]
 
 
 class SearchFields(NamedTuple):
-    """The likelihood of a hit, at three resolutions; see ``raise_field``.
+    """Likelihood of a hit at three resolutions; see ``raise_field``.
 
     Attributes:
         fine: (rows, cols) likelihood of each cell, 0 to 255.
-        mid: (rows / 4, cols / 4) its maxima.
-        top: (rows / 16, cols / 16) its maxima.
+        mid: (rows / 4, cols / 4) maxima of ``fine``.
+        top: (rows / 16, cols / 16) maxima of ``fine``.
         corner: (2,) lower left corner of the first cell, m.
         resolution: Side of a cell of ``fine``, m.
     """
@@ -49,16 +50,19 @@ class SearchFields(NamedTuple):
 def raise_field(
     places: FloatArray, x0: float, y0: float, resolution: float, fine: Field, mid: Field, top: Field
 ) -> None:
-    """Enter surfaces in the fields: a Gaussian of one cell about each, 255 at its middle.
+    """Add surfaces to the fields.
+
+    Each surface adds a Gaussian with a standard deviation of one cell and a peak of 255.
 
     Args:
         places: (k, 2) the surfaces, m.
         x0: x of the fields' lower left corner, m.
-        y0: y of it, m.
+        y0: y of the fields' lower left corner, m.
         resolution: Side of a cell of ``fine``, m.
         fine: (rows, cols), changed in place.
-        mid: (rows / 4, cols / 4), changed in place: [i, j] is the maximum of ``fine`` over rows
-            [4 i, 4 i + 8) and columns alike. Two blocks, so that it bounds a shift within one.
+        mid: (rows / 4, cols / 4), changed in place: [i, j] is the maximum of ``fine`` over the
+            rows [4 i, 4 i + 8) and the columns [4 j, 4 j + 8). It covers two blocks a side, so
+            that it is also a bound for any shift within one block.
         top: (rows / 16, cols / 16), the same with blocks of 16.
     """
     rows, cols = fine.shape
@@ -80,7 +84,7 @@ def raise_field(
 
 @njit(cache=True)
 def _sum(cells: NDArray[np.int32], row: int, col: int, side: int, level: Field) -> int:
-    """Sum over points at ``cells`` (n, 2) row, col, moved by (row, col), of a field of blocks."""
+    """Sum a field over the points at ``cells`` (n, 2) row, col, shifted by (row, col)."""
     rows, cols, total = level.shape[0], level.shape[1], 0
     for i in range(cells.shape[0]):
         r, c = (cells[i, 0] + row) // side, (cells[i, 1] + col) // side
@@ -91,7 +95,7 @@ def _sum(cells: NDArray[np.int32], row: int, col: int, side: int, level: Field) 
 
 @njit(cache=True)
 def _is_near(x: float, y: float, yaw: float, places: FloatArray) -> bool:
-    """Whether a pose is nearer than m, rad to one of the places (k, 5) x, y, yaw, m, rad."""
+    """Return whether a pose is within the radii of a place (k, 5) x, y, yaw, radius m, rad."""
     for k in range(places.shape[0]):
         if (
             math.hypot(x - places[k, 0], y - places[k, 1]) < places[k, 3]
@@ -112,21 +116,23 @@ def search(
     least: float,
     excluded: FloatArray,
 ) -> tuple[FloatArray, float]:
-    """Return the best pose in a window about a prior.
+    """Find the best pose in a window around a prior.
 
-    The score is the mean likelihood of a hit, 0 to 1, less ``weights[0] d^2 + weights[1] dyaw^2``
-    of the way from the prior: where many poses fit alike, as along a corridor, the nearest wins.
-    Translations step by cells, so they are exact to half of one.
+    The score is the mean likelihood of a hit, 0 to 1, minus
+    ``weights[0] d^2 + weights[1] dyaw^2``, where d and dyaw are the offsets from the prior. So the
+    nearest pose wins where many poses fit equally well, for instance along a corridor.
+    Translations are whole cells, so they are exact to half a cell.
 
     Args:
         points: (n, 2) hits in the frame of the pose, m.
-        prior: (3,) x, y, yaw, the window's middle.
-        window: (2,) half its size, m and rad.
-        weights: (2,) 1/m^2 and 1/rad^2.
-        fields: What the map holds.
+        prior: (3,) x, y, yaw, the middle of the window.
+        window: (2,) half the size of the window, m and rad.
+        weights: (2,) penalties, 1/m^2 and 1/rad^2.
+        fields: Search fields of the map.
         yaw_step: Step of the headings, rad.
-        least: Score that the pose must exceed.
-        excluded: (k, 5) x, y, yaw, m, rad: poses nearer than that to one of them are left out.
+        least: The score of the pose must exceed this.
+        excluded: (k, 5) x, y, yaw, radius, m, and radius, rad: poses within both radii of one of
+            these places are skipped.
 
     Returns:
         Pose (3,), and its score; the prior and -1 if no pose scores more than ``least``.
@@ -138,7 +144,8 @@ def search(
     blocks = (2 * half) // TOP + 1
     scale = 1.0 / (255.0 * max(1, points.shape[0]))
     best, found, hit = least, prior.copy(), False
-    # The most promising blocks come first; once a bound is below the best score, so are the rest.
+    # Blocks with the highest bound come first. If one bound is below the best score, all later
+    # ones are too.
     for o in np.argsort(-bound):
         if bound[o] * scale <= best:
             break
@@ -159,7 +166,7 @@ def search(
 def _turned_cells(
     points: FloatArray, prior: FloatArray, turns: int, yaw_step: float, fields: SearchFields
 ) -> NDArray[np.int32]:
-    """(2 turns + 1, n, 2) row and column of each point in each heading, at the prior's place."""
+    """Return the cells (2 turns + 1, n, 2) of each point in each heading, at the prior's x, y."""
     n, count = points.shape[0], 2 * turns + 1
     cells = np.empty((count, n, 2), np.int32)
     for k in range(count):
@@ -175,7 +182,7 @@ def _turned_cells(
 
 @njit(cache=True)
 def _bounds(cells: NDArray[np.int32], half: int, top: Field) -> FloatArray:
-    """(headings x blocks x blocks,) no translation in a block has a greater sum."""
+    """Return the upper bounds (headings x blocks x blocks,) of the sums in each block."""
     count, blocks = cells.shape[0], (2 * half) // TOP + 1
     bound = np.empty(count * blocks * blocks)
     for k in range(count):
@@ -201,7 +208,7 @@ def _search_block(
     best: float,
     found: FloatArray,
 ) -> float:
-    """The best score in a block of translations, if above ``best``; its pose goes to ``found``."""
+    """Return the best score of a block, or ``best``; a better pose is written to ``found``."""
     scale = 1.0 / (255.0 * max(1, cells.shape[0]))
     turned = weights[1] * dyaw * dyaw
     for row1 in range(row0, min(row0 + TOP, half + 1), MID):
@@ -227,17 +234,17 @@ def _search_block(
 
 @njit(cache=True)
 def thinned(points: FloatArray, apart: float, most: int) -> FloatArray:
-    """Return some of the points, spread evenly.
+    """Select some of the points, evenly spread.
 
     Args:
         points: (n, 2) m.
-        apart: Side of a square in which one point at most is kept, m.
-        most: How many points are wanted at most.
+        apart: Side of a square in which at most one point is kept, m.
+        most: Largest number of points to keep.
 
     Returns:
-        (k, 2) in their order.
+        (k, 2) the selected points, in the given order.
     """
-    seen = set()  # numba needs a first entry to know the type
+    seen = set()  # the first entry tells numba the type
     out, count = np.empty_like(points), 0
     seen.add((np.int64(2**40), np.int64(0)))
     for i in range(points.shape[0]):

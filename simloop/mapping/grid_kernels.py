@@ -1,4 +1,4 @@
-"""Compiled kernels of the occupancy grid: tracing beams, and distances finer than its cells."""
+"""Trace beams in the occupancy grid and compute distances finer than its cells (compiled)."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 
 from simloop.messages import FloatArray
 
-_SHORT_OF_HIT = 2.0  # cells before its hit at which a beam stops to vote cells free
+_SHORT_OF_HIT = 2.0  # a beam votes no cells free in this distance before its hit, cells
 
 
 class GridLayers(NamedTuple):
-    """What the grid knows of each cell; all arrays are [iy, ix].
+    """Data of each cell of the grid; all arrays are [iy, ix].
 
     Attributes:
         log_odds: (rows, cols) evidence that the cell is occupied; 0 is unknown.
-        hits: (rows, cols, 3) sums of x and y of its hits, m from the grid's lower left corner, and
-            their number.
+        hits: (rows, cols, 3) sums of x and y of the hits, m from the grid's lower left corner, and
+            the number of hits.
         stamp: (rows, cols) number of the last scan that touched the cell.
         occupied: (rows, cols) whether ``log_odds`` is above the threshold.
     """
@@ -32,13 +32,13 @@ class GridLayers(NamedTuple):
 
 
 class Evidence(NamedTuple):
-    """How much one scan tells of a cell, in log-odds.
+    """Log-odds that one scan adds to a cell.
 
     Attributes:
         hit: Added where a beam ended.
-        miss: Taken away where a beam passed.
-        most: Bound of the log-odds, either way.
-        threshold: Above it a cell is occupied.
+        miss: Subtracted where a beam passed.
+        most: Bound of the log-odds, positive and negative.
+        threshold: A cell with higher log-odds is occupied.
     """
 
     hit: float
@@ -59,32 +59,32 @@ def trace_scan(
     scan_number: int,
     evidence: Evidence,
 ) -> tuple[FloatArray, float]:
-    """Enter one scan: its hits, then the free cells that its beams crossed.
+    """Add one scan to the grid: its hits, then the free cells that its beams crossed.
 
-    A cell gets one vote a scan. A cell in which a beam ended is not voted free by beams that only
-    passed it. A beam with an end in the grid's outermost cells or beyond, or that is not finite, is
-    left out, so that no index leaves the grid.
+    Each cell gets one vote per scan. A cell in which a beam ended gets no free vote from beams
+    that passed it. A beam is skipped if it is not finite, or if one of its ends lies in the
+    outermost cells or outside the grid. So no index leaves the grid.
 
     Args:
         points: (n, 2) ends of the beams in base_link, m.
-        origins: (n, 2) their origins in base_link, m.
-        through: (n,) whether a beam met nothing where it ends.
+        origins: (n, 2) origins of the beams in base_link, m.
+        through: (n,) whether a beam hit nothing at its end.
         pose: (3,) x, y, yaw of base_link in map.
         corner: x, y of the grid's lower left corner in map, m.
         resolution: Side of a cell, m.
         layers: The grid, changed in place.
-        scan_number: Counts the scans, from 1.
+        scan_number: Number of the scan, from 1.
         evidence: Log-odds of a hit and of a miss.
 
     Returns:
-        The surfaces, (k, 2) hit means in map, m, of the k cells that became occupied, and their
-        share of all cells in which a beam ended.
+        The hit means (k, 2) in map, m, of the k cells that became occupied, and their share of all
+        cells in which a beam ended.
     """
     ends = _from_corner(points, pose, corner)
     starts = _from_corner(origins, pose, corner)
     valid = _inside(ends, starts, layers.log_odds.shape, resolution)
     fresh, ended = _vote_hits(ends, valid & ~through, resolution, layers, scan_number, evidence)
-    # Free votes come last, so that they find the stamps of all cells in which a beam ended.
+    # Free votes come last: by then, all cells in which a beam ended have this scan's stamp.
     for i in range(points.shape[0]):
         if valid[i]:
             _vote_free(starts[i], ends[i], through[i], resolution, layers, scan_number, evidence)
@@ -99,7 +99,7 @@ def trace_scan(
 
 @njit(cache=True)
 def _from_corner(points: FloatArray, pose: FloatArray, corner: tuple[float, float]) -> FloatArray:
-    """(n, 2) m from the grid's corner, of points (n, 2) in base_link at ``pose``."""
+    """Transform points (n, 2) from base_link at ``pose`` to offsets from the corner, m."""
     cos, sin, out = math.cos(pose[2]), math.sin(pose[2]), np.empty((points.shape[0], 2))
     for i in range(points.shape[0]):
         out[i, 0] = pose[0] + cos * points[i, 0] - sin * points[i, 1] - corner[0]
@@ -111,16 +111,16 @@ def _from_corner(points: FloatArray, pose: FloatArray, corner: tuple[float, floa
 def _inside(
     ends: FloatArray, starts: FloatArray, shape: tuple[int, int], resolution: float
 ) -> NDArray[np.bool_]:
-    """(n,) whether both ends of a beam lie in the grid, a cell from its border; False for NaN.
+    """Return (n,) whether both ends of a beam lie inside the border cells; False for NaN.
 
-    A straight beam between two such points stays in the grid, whatever the rounding of its steps.
+    A straight beam between two such points stays in the grid even if its steps are rounded.
     """
     rows, cols = shape
     out = np.empty(ends.shape[0], np.bool_)
     for i in range(ends.shape[0]):
         good = True
         for x, y in ((ends[i, 0], ends[i, 1]), (starts[i, 0], starts[i, 1])):
-            # Comparisons that a NaN fails.
+            # A NaN fails these comparisons.
             good &= resolution <= x and x < (cols - 1) * resolution
             good &= resolution <= y and y < (rows - 1) * resolution
         out[i] = good
@@ -136,9 +136,9 @@ def _vote_hits(
     scan_number: int,
     evidence: Evidence,
 ) -> tuple[NDArray[np.int64], int]:
-    """Enter the hits: the cells (k,) that became occupied, and how many cells were hit."""
+    """Add the hits; return the cells (k,) that became occupied, and the number of hit cells."""
     cols = layers.log_odds.shape[1]
-    # Cells by one running number: a beam's step is an addition.
+    # Cells are addressed by one running index.
     odds, stamp = layers.log_odds.ravel(), layers.stamp.ravel()
     occupied, hits = layers.occupied.ravel(), layers.hits.reshape(-1, 3)
     fresh, count, ended = np.empty(ends.shape[0], np.int64), 0, 0
@@ -147,7 +147,7 @@ def _vote_hits(
             continue
         x, y = ends[i, 0], ends[i, 1]
         cell = math.floor(y / resolution) * cols + math.floor(x / resolution)
-        # Every hit counts for the mean, though only the first one votes.
+        # Every hit counts for the mean, but only the first hit in a cell votes.
         hits[cell, 0] += x
         hits[cell, 1] += y
         hits[cell, 2] += 1.0
@@ -174,8 +174,8 @@ def _vote_free(
 ) -> None:
     """Vote the cells free that a beam crossed (Amanatides & Woo 1987).
 
-    They end two cells short of its hit: the near half of the noise about a wall must not be voted
-    away, or the wall's hit mean would recede from whoever looks at it.
+    The free votes stop two cells before the hit. Otherwise they would remove the hits on the near
+    side of a wall's noise, and the wall's hit mean would move away from the robot.
     """
     cols = layers.log_odds.shape[1]
     odds, stamp = layers.log_odds.ravel(), layers.stamp.ravel()
@@ -189,7 +189,7 @@ def _vote_free(
     dx, dy = dx / length, dy / length
     col, row = math.floor(ax), math.floor(ay)
     step_x, step_y = (1 if dx > 0 else -1), (cols if dy > 0 else -cols)
-    # Length of beam from one grid line to the next, and to the first one, along each axis.
+    # Length of the beam between two grid lines, and to the first grid line, for each axis.
     grow_x = abs(1.0 / dx) if dx != 0.0 else 1e18
     grow_y = abs(1.0 / dy) if dy != 0.0 else 1e18
     to_x = ((col + 1 - ax) if dx > 0 else (ax - col)) * grow_x
@@ -202,7 +202,7 @@ def _vote_free(
             odds[cell] = value
             if value <= evidence.threshold:
                 occupied[cell] = False
-            # What is clearly free forgets its hits.
+            # A cell that is clearly free loses its hits.
             if value < 0.0 and hits[cell, 2] > 0.0:
                 hits[cell, :] = 0.0
         if to_x < to_y:
@@ -217,14 +217,14 @@ def _vote_free(
 
 @njit(cache=True)
 def placed_bounds(points: FloatArray, pose: FloatArray) -> tuple[float, float, float, float]:
-    """Return the bounding box in map of points given in base_link.
+    """Compute the bounding box in map of points given in base_link.
 
     Args:
         points: (n, 2) in base_link, m.
         pose: (3,) x, y, yaw of base_link in map.
 
     Returns:
-        x_min, y_min, x_max, y_max, m; infinities of the wrong sign if there are no points.
+        x_min, y_min, x_max, y_max, m. Without points: +inf, +inf, -inf, -inf.
     """
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     x_min, y_min, x_max, y_max = np.inf, np.inf, -np.inf, -np.inf
@@ -243,13 +243,13 @@ def surface_distance(
     resolution: float,
     distance: NDArray[np.float32],
 ) -> None:
-    """Write the distance of each cell's centre to the hit mean of the nearest occupied cell.
+    """Compute the distance from each cell's centre to the hit mean of the nearest occupied cell.
 
     Args:
-        labels: (rows, cols) number of that cell, from 1.
-        places: (n + 1, 2) hit means by that number, m from the grid's lower left corner.
+        labels: (rows, cols) number of the nearest occupied cell, from 1.
+        places: (n + 1, 2) hit mean of each number, m from the grid's lower left corner.
         resolution: Side of a cell, m.
-        distance: (rows, cols) m, written.
+        distance: (rows, cols) output, m.
     """
     for row in range(labels.shape[0]):
         y = (row + 0.5) * resolution

@@ -1,7 +1,7 @@
-"""The occupancy grid: log-odds, the sums of the hits in each cell, and fields to search in.
+"""Keep the occupancy grid: log-odds, the sums of the hits in each cell, and search fields.
 
-The grid grows as needed, by chunks, up to a bound in cells. What lies beyond is not entered. A
-cell takes ``BYTES_A_CELL``, so the bound is one of memory too.
+The grid grows by chunks when needed, up to a largest number of cells. Beams that would exceed this
+number are not entered. A cell takes ``BYTES_A_CELL``, so the memory is bounded too.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ from simloop.messages import FloatArray
 
 BYTES_A_CELL = 4 + 24 + 4 + 1 + 1 + 1.0 / MID**2 + 1.0 / TOP**2
 NOWHERE_M = 100.0
-"""Distance reported where the map holds nothing, m."""
+"""Distance reported if the map has no surface, m."""
 
-_CHUNK = 64  # cells by which the grid grows; a multiple of the search fields' blocks
+_CHUNK = 64  # the grid grows by this many cells; a multiple of the search fields' blocks
 _NO_POINTS = np.empty((0, 2))
 _NOTHING_EXCLUDED = np.empty((0, 5))
-_FINEST_TURN_RAD = 0.004
-_COARSEST_TURN_RAD = 0.02
+_FINEST_TURN_RAD = 0.004  # smallest step of the headings in a search
+_COARSEST_TURN_RAD = 0.02  # largest step of the headings in a search
 
 
 class GridMap:
-    """An occupancy grid, made of scans that are entered at given poses.
+    """Occupancy grid made of scans that are entered at given poses.
 
-    All arrays are [iy, ix]; the first cell's lower left corner is at ``origin_m``.
+    All arrays are [iy, ix]. The lower left corner of the first cell is at ``origin_m``.
 
     Attributes:
         resolution_m: Side of a cell, m.
@@ -47,11 +47,11 @@ class GridMap:
         log_odds: (rows, cols) float32, 0 is unknown.
         hits: (rows, cols, 3) sums of x and y of the hits, m from ``origin_m``, and their number.
         occupied: (rows, cols) bool, whether ``log_odds`` is above the threshold.
-        scans: How many scans were entered.
+        scans: Number of scans entered.
     """
 
     def __init__(self, config: SlamConfig) -> None:
-        """Make an empty grid of no cells."""
+        """Make an empty grid without cells."""
         self._config = config
         self.resolution_m = config.resolution_m
         self.origin_m = np.zeros(2)
@@ -79,14 +79,14 @@ class GridMap:
         """Enter a scan.
 
         Args:
-            points: (n, 2) ends of its beams in base_link, m.
-            origins: (n, 2) their origins in base_link, m; the laser may be mounted anywhere.
+            points: (n, 2) ends of the beams in base_link, m.
+            origins: (n, 2) origins of the beams in base_link, m; the laser may be mounted anywhere.
             pose: (3,) x, y, yaw of base_link in map.
-            through: (n,) beams that met nothing where they end; None: all met something.
+            through: (n,) whether a beam hit nothing at its end; None if all beams hit something.
 
         Returns:
-            (k, 2) in map, m, where cells became occupied by it, and their share of all cells in
-            which its beams ended.
+            The hit means (k, 2) in map, m, of the cells that became occupied, and their share of
+            all cells in which a beam ended.
         """
         if through is None:
             through = np.zeros(len(points), np.bool_)
@@ -119,7 +119,7 @@ class GridMap:
 
         Args:
             points: (n, 2) hits in base_link, m.
-            start: (3,) x, y, yaw of base_link in map, near the answer.
+            start: (3,) x, y, yaw of base_link in map, near the solution.
 
         Returns:
             Pose (3,), information (3, 3), matched share and mean residual.
@@ -145,15 +145,16 @@ class GridMap:
     ) -> tuple[FloatArray, float]:
         """Search a window for the best pose in this map; see ``correlative.search``.
 
-        The headings step by about a cell at the points.
+        One step of the heading moves the far points by about a cell.
 
         Args:
             points: (n, 2) hits in base_link, m.
-            prior: (3,) x, y, yaw of base_link in map, the window's middle.
-            window: (2,) half the window's size, m and rad.
-            weights: (2,) penalties, 1/m^2 and 1/rad^2, on the squared distance from the prior.
-            least: Score that the pose must exceed.
-            excluded: (k, 5) x, y, yaw, m, rad: poses nearer than that to one of them are left out.
+            prior: (3,) x, y, yaw of base_link in map, the middle of the window.
+            window: (2,) half the size of the window, m and rad.
+            weights: (2,) penalties, 1/m^2 and 1/rad^2, on the squared offsets from the prior.
+            least: The score of the pose must exceed this.
+            excluded: (k, 5) x, y, yaw, radius, m, and radius, rad: poses within both radii of one
+                of these places are skipped.
 
         Returns:
             Pose (3,), and its score; -1 if there is none.
@@ -165,11 +166,12 @@ class GridMap:
         return search(points, prior, window, weights, fields, step, least, excluded)
 
     def distances(self) -> np.ndarray:
-        """Return the distance from each cell's centre to the nearest surface.
+        """Compute the distance from each cell's centre to the nearest surface.
+
+        The result is cached until the map changes.
 
         Returns:
-            (rows, cols) float32, m, read-only; ``NOWHERE_M`` without any surface. It is cached
-            until the map changes.
+            (rows, cols) float32, m, read-only; ``NOWHERE_M`` if the map has no surface.
         """
         if self._distance is None:
             occupied = self.occupied
@@ -190,7 +192,7 @@ class GridMap:
 
     @classmethod
     def of(cls, config: SlamConfig, origin_m: FloatArray, log_odds: np.ndarray) -> GridMap:
-        """Make a map of given log-odds; each surface is taken to lie in its cell's middle.
+        """Make a map from given log-odds, with each surface in the middle of its cell.
 
         Args:
             config: Settings, with the map's resolution.
@@ -198,7 +200,7 @@ class GridMap:
             log_odds: (rows, cols), [iy, ix].
 
         Returns:
-            The map; its extent is a whole number of chunks.
+            The map, padded to a whole number of chunks.
         """
         grid = cls(config)
         rows, cols = log_odds.shape
@@ -215,7 +217,7 @@ class GridMap:
         return grid
 
     def renew_fields(self) -> None:
-        """Rebuild the search fields without surfaces that have gone from the map since."""
+        """Rebuild the search fields, so that surfaces removed from the map disappear in them."""
         for field in self._fields:
             field[:] = 0
         raise_field(self.surfaces(), *self.origin_m.tolist(), self.resolution_m, *self._fields)
@@ -224,29 +226,29 @@ class GridMap:
         """Return the surfaces in the map.
 
         Returns:
-            (k, 2) in map, m, the hit mean of every occupied cell.
+            (k, 2) hit mean of every occupied cell, in map, m.
         """
         hits = self.hits[self.occupied]
         return self.origin_m + hits[:, :2] / np.maximum(hits[:, 2:], 1.0)
 
     def fade(self, share: float) -> None:
-        """Forget a share of all evidence.
+        """Remove a share of all evidence.
 
         Args:
-            share: 0 to 1, taken off all log-odds.
+            share: 0 to 1; all log-odds are reduced by this share.
         """
         self.log_odds *= 1.0 - share
         self.occupied[:] = self.log_odds > self._config.occupied_log_odds
         self._distance = None
 
     def joined(self, surfaces_m: FloatArray) -> GridMap:
-        """Return a copy, for reading only, with further surfaces in it.
+        """Return a read-only copy with additional surfaces.
 
         Args:
             surfaces_m: (k, 2) in map, m, at least one.
 
         Returns:
-            The copy. Without them if the grid may not grow that far.
+            The copy. It lacks the additional surfaces if the grid would exceed its largest size.
         """
         both = copy.copy(self)
         both.occupied, both.hits = self.occupied.copy(), self.hits.copy()
@@ -261,10 +263,9 @@ class GridMap:
         return both
 
     def _grow_to_hold(self, points: FloatArray, origins: FloatArray, pose: FloatArray) -> bool:
-        """Make the grid hold the beams' ends and origins, the robot, and a margin; False: it may
-        not.
+        """Grow the grid around a scan's beams, the robot, and a margin; return False if too large.
 
-        The kernel checks both ends of a beam; with this margin none is ever left out.
+        The kernel skips a beam with an end near the border; with this margin it skips none.
         """
         margin = 2.0 * self.resolution_m
         low, high = pose[:2] - 0.5, pose[:2] + 0.5
@@ -275,8 +276,7 @@ class GridMap:
         return self._grow(low - margin, high + margin)
 
     def _grow(self, low: FloatArray, high: FloatArray) -> bool:
-        """Make the grid reach over the box from ``low`` to ``high``, (2,) each; False: it may
-        not."""
+        """Grow the grid over the box from ``low`` to ``high`` (2,); return False if too large."""
         if self._holds(low, high):
             return True
         res, size = self.resolution_m, np.array(self.log_odds.shape[::-1])
@@ -288,7 +288,7 @@ class GridMap:
             return False
         self.origin_m = origin
         self._pad(((before[1], after[1]), (before[0], after[0])))
-        # Hit sums are taken from the grid's corner, which moves.
+        # Hit sums are relative to the grid's corner, which has moved.
         shift = before * res
         self.hits[..., :2] += self.hits[..., 2:] * shift
         self.origin_m = self.origin_m - shift
@@ -303,12 +303,12 @@ class GridMap:
         for field, side in zip(self._fields, (1, MID, TOP), strict=True):
             grown.append(np.pad(field, [[p // side for p in pad] for pad in pads]))
         self._fields = tuple(grown)
-        self._distance = None  # of the old extent
+        self._distance = None  # it has the old extent
 
     def _within(
         self, points: FloatArray, origins: FloatArray, pose: FloatArray
     ) -> NDArray[np.bool_]:
-        """(n,) which beams, points and origins, lie wholly inside the grid."""
+        """Return (n,) whether both ends of each beam lie inside the grid."""
         inside = np.ones(len(points), np.bool_)
         size = self.resolution_m * np.array(self.log_odds.shape[::-1])
         for ends in (points, origins):
@@ -317,7 +317,7 @@ class GridMap:
         return inside
 
     def _holds(self, low: FloatArray, high: FloatArray) -> bool:
-        """Whether the grid reaches over the box from ``low`` to ``high``, (2,) each."""
+        """Return whether the grid contains the box from ``low`` to ``high``, (2,) each."""
         rows, cols = self.log_odds.shape
         (x0, y0), res = self.origin_m.tolist(), self.resolution_m
         return bool(

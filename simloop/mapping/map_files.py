@@ -1,7 +1,7 @@
-"""Read and write maps in the format of ROS's map_server: a YAML file and a grey picture (PGM).
+"""Read and write maps in the format of ROS's map_server: a YAML file and a grey image (PGM).
 
-The modes ``trinary``, ``scale`` and ``raw`` are read as map_server reads them; ``trinary`` is
-written.
+The modes ``trinary``, ``scale`` and ``raw`` are read in the same way as by map_server. Maps are
+written in the mode ``trinary``.
 """
 
 from __future__ import annotations
@@ -23,25 +23,25 @@ def load_map(yaml_file: Path, config: SlamConfig) -> GridMap:
     """Read a map.
 
     Args:
-        yaml_file: The YAML file; the picture that it names lies relative to it.
-        config: Settings of the grid; the resolution is the file's own.
+        yaml_file: The YAML file. Its image path is relative to the YAML file.
+        config: Settings of the grid, except the resolution, which is read from the file.
 
     Returns:
         The map.
 
     Raises:
-        InputError: A file is missing, cut off, or not a map.
+        InputError: A file is missing, truncated, or not a map.
     """
     resolution, origin, odds = read_cells(yaml_file)
     return GridMap.of(replace(config, resolution_m=resolution), origin, odds)
 
 
 def save_map(grid: GridMap, yaml_file: Path) -> None:
-    """Write a map, with its picture beside the YAML file under the same name.
+    """Write a map as a YAML file and an image of the same name beside it.
 
     Args:
         grid: The map.
-        yaml_file: The file to write; its picture ends in ``.pgm``.
+        yaml_file: The file to write; the image has the suffix ``.pgm``.
     """
     picture = yaml_file.with_suffix(".pgm")
     values = np.full(grid.log_odds.shape, UNKNOWN, np.uint8)
@@ -49,7 +49,7 @@ def save_map(grid: GridMap, yaml_file: Path) -> None:
     values[grid.occupied] = OCCUPIED
     rows, columns = values.shape
     header = f"P5\n# simloop, {grid.resolution_m:.9g} m a cell\n{columns} {rows}\n255\n"
-    write_bytes(picture, header.encode("ascii") + values[::-1].tobytes())  # first row is up
+    write_bytes(picture, header.encode("ascii") + values[::-1].tobytes())  # first row is at the top
     x, y = grid.origin_m.tolist()
     write_text(
         yaml_file,

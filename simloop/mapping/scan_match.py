@@ -1,18 +1,18 @@
-"""Compiled kernels of the scan matcher: deskewing and refinement (the search: ``correlative``).
+"""Deskew scans and refine their poses in a map (compiled; the search is in ``correlative``).
 
 The refinement is a normal-distributions match (after Biber & Strasser 2003), point to line:
 
 - The surface in a map cell is the weighted mean and covariance of the hit means of the 3 x 3 cells
-  about it. This is finer than a cell.
-- A point's residual along the surface's normal is weighted with the inverse of its variance there.
-  Along itself a surface is a piece of something longer, cut out by the cells; that direction says
-  nothing of where a point belongs and has no weight.
-- Hits that lie too close together make no line and have no weight: what looks like a thin post
-  may be a far wall that few beams reached.
+  around it. This is finer than a cell.
+- A point's residual along the surface's normal is weighted with the inverse of the variance in
+  that direction. The direction along the surface has no weight: the surface is a piece of a longer
+  one, cut out by the cells, so it does not tell where along it a point belongs.
+- Hits that lie too close together make no line and have no weight. They may look like a thin post
+  and be a far wall that few beams reached.
 
-Where all normals are alike, as in a bare corridor, nothing holds the pose along the walls but the
-normals' own errors. That direction is left as it was and declared unknown (Zhang, Kaess & Singh
-2016, "On degeneracy of optimization-based state estimation problems").
+If all normals are parallel, as in a bare corridor, the pose along the walls depends only on errors
+of the normals. The pose is not changed in that direction, and the direction is declared unknown
+(Zhang, Kaess & Singh 2016, "On degeneracy of optimization-based state estimation problems").
 """
 
 from __future__ import annotations
@@ -28,23 +28,23 @@ from simloop.geometry.se2 import interpolate_xyt, wrap_angle
 from simloop.messages import FloatArray
 
 _ROBUST = 9.0  # squared Mahalanobis distance at which a point's weight has fallen to a quarter
-_LEAST_CELLS = 2  # with hits, that make a surface
-_LEAST_MATCHED = 10  # points
-_EQUAL_HITS = 10.0  # from which cells count alike for a line
-_LONG = 0.15  # variance along a surface, in cells squared, that makes it a line
-# Share of the best held direction's information below which a direction is not held at all: what
-# normals that are off by some 10 degrees, as those of young surfaces are, feign along a wall.
+_LEAST_CELLS = 2  # a surface needs this many cells with hits
+_LEAST_MATCHED = 10  # the refinement needs this many matched points
+_EQUAL_HITS = 10.0  # cells with at least this many hits have equal weight in a line
+_LONG = 0.15  # a surface with a larger variance along it is a line, cells^2
+# A direction is unobservable if it has less than this share of the best direction's information.
+# Normals of new surfaces are off by some 10 degrees, which gives this much along a wall.
 _DEGENERATE = 0.03
-_STIFF = 1e12  # keeps the pose where it is in a direction that is not held
+_STIFF = 1e12  # information that keeps the pose unchanged in an unobservable direction
 _TINY = 1e-9  # information added so that the normal equations can be solved
-_SMALL_STEP = 1e-4  # m and rad, at which the iteration ends
+_SMALL_STEP = 1e-4  # the iteration ends with a smaller step, m and rad
 
 
 @njit(cache=True)
 def _pose_between(
     k: int, pose_t_ns: NDArray[np.int64], poses: FloatArray, t_ns: int
 ) -> tuple[float, float, float]:
-    """The pose at an instant, interpolated from the k-th pose and the next one."""
+    """Interpolate the pose at a time between the k-th pose and the next one."""
     if poses.shape[0] == 1:
         return poses[0, 0], poses[0, 1], poses[0, 2]
     f = (t_ns - pose_t_ns[k]) / (pose_t_ns[k + 1] - pose_t_ns[k])
@@ -62,15 +62,15 @@ def deskew(
     poses: FloatArray,
     mount: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return hits and beam origins in one frame, with the motion during the scan taken out.
+    """Remove the motion during a scan from its hits and beam origins.
 
     Args:
-        angles: (n,) of the beams in the laser frame, rad.
-        ranges: (n,) m; what is not finite or out of range is left out.
-        beam_t_ns: (n,) when each beam was cast.
+        angles: (n,) angles of the beams in the laser frame, rad.
+        ranges: (n,) m; ranges that are not finite or outside the limits are skipped.
+        beam_t_ns: (n,) time of each beam, ns.
         limits: (2,) least and greatest range, m.
-        pose_t_ns: (k,) rising stamps of the poses.
-        poses: (k, 3) x, y, yaw of base_link in a frame that stands; the last is at the scan's end.
+        pose_t_ns: (k,) rising stamps of the poses, ns.
+        poses: (k, 3) x, y, yaw of base_link in a fixed frame; the last is at the end of the scan.
         mount: (3,) x, y, yaw of the laser in base_link.
 
     Returns:
@@ -90,13 +90,13 @@ def deskew(
         while k > 0 and pose_t_ns[k] > beam_t_ns[i]:
             k -= 1
         x, y, yaw = _pose_between(k, pose_t_ns, poses, beam_t_ns[i])
-        # The laser's place relative to the last pose, still in the standing frame.
+        # The laser's position relative to the last pose, still in the axes of the fixed frame.
         c, s = math.cos(yaw), math.sin(yaw)
         lx = x + c * mount[0] - s * mount[1] - ex
         ly = y + s * mount[0] + c * mount[1] - ey
         heading = yaw + mount[2] + angles[i]
         px, py = lx + r * math.cos(heading), ly + r * math.sin(heading)
-        # And into the last pose's own axes.
+        # Rotate both into the axes of the last pose.
         origins[count, 0] = cos_end * lx + sin_end * ly
         origins[count, 1] = cos_end * ly - sin_end * lx
         points[count, 0] = cos_end * px + sin_end * py
@@ -114,10 +114,10 @@ def surface_at(
     resolution: float,
     out: FloatArray,
 ) -> bool:
-    """Write the surface in a cell: its mean and its inverse covariance [[a, b], [b, c]].
+    """Compute the surface in a cell: its mean and its inverse covariance [[a, b], [b, c]].
 
-    The inverse covariance is of rank one: it has nothing along the surface. It is zero where the
-    hits make no line.
+    The inverse covariance has rank one: it is zero along the surface. It is all zero if the hits
+    make no line.
 
     Args:
         row: Row of the cell.
@@ -125,7 +125,7 @@ def surface_at(
         hits: (rows, cols, 3) sums of x and y, m from the grid's corner, and number of the hits.
         grain: Standard deviation added across the surface, m.
         resolution: Side of a cell, m.
-        out: (5,) x, y, m, and a, b, c, 1/m^2, written.
+        out: (5,) output: x, y, m, and a, b, c, 1/m^2.
 
     Returns:
         Whether there is a surface.
@@ -140,8 +140,8 @@ def surface_at(
                 continue
             x, y = hits[i, j, 0] / n, hits[i, j, 1] / n
             cells += 1
-            # The line belongs to all the cells, not to the one that was seen longest: from there a
-            # small error of its direction would be a large one of its place.
+            # The weight of a cell is limited, so that the line does not pass through the most seen
+            # cell only. From there, a small error in direction would be a large error in place.
             w = min(n, _EQUAL_HITS)
             weight += w
             sx += w * x
@@ -162,15 +162,15 @@ def surface_at(
 
 @njit(cache=True)
 def principal_axes(a: float, b: float, c: float) -> tuple[float, float, float, float]:
-    """Return the eigenvalues and the first axis of a symmetric matrix [[a, b], [b, c]].
+    """Compute the eigenvalues and the first axis of a symmetric matrix [[a, b], [b, c]].
 
     Args:
         a: Upper left entry.
-        b: Entry off the diagonal.
+        b: Off-diagonal entry.
         c: Lower right entry.
 
     Returns:
-        Greater and lesser eigenvalue; cosine and sine of the greater one's axis.
+        Greater and lesser eigenvalue; cosine and sine of the axis of the greater one.
     """
     middle, half = 0.5 * (a + c), 0.5 * (a - c)
     reach = math.hypot(half, b)
@@ -180,15 +180,15 @@ def principal_axes(a: float, b: float, c: float) -> tuple[float, float, float, f
 
 @njit(cache=True)
 def unheld_direction(h: FloatArray) -> FloatArray:
-    """Return the direction that a match leaves open, if there is one.
+    """Return the direction that a match cannot observe, if there is one.
 
-    It is judged by what is known of x and y with the yaw unknown (the Schur complement).
+    The test uses the information of x and y with the yaw unknown (the Schur complement).
 
     Args:
         h: (3, 3) information of x, y, yaw.
 
     Returns:
-        (3,) unit vector in x, y, yaw; zeros if all directions are held.
+        (3,) unit vector in x, y, yaw; zeros if all directions are observable.
     """
     a = h[0, 0] - h[0, 2] * h[0, 2] / h[2, 2]
     b = h[0, 1] - h[0, 2] * h[1, 2] / h[2, 2]
@@ -201,7 +201,7 @@ def unheld_direction(h: FloatArray) -> FloatArray:
 
 
 class _SurfaceCache(NamedTuple):
-    """The surface that each point lay by last: (n, 5), (n,) whether there is one, (n,) its cell."""
+    """Last surface of each point: its data (n, 5), whether there is one (n,), its cell (n,)."""
 
     surfaces: FloatArray
     known: NDArray[np.bool_]
@@ -223,18 +223,18 @@ def refine(
 
     Args:
         points: (n, 2) hits in base_link, m.
-        start: (3,) x, y, yaw of base_link in map, near the answer.
+        start: (3,) x, y, yaw of base_link in map, near the solution.
         hits: (rows, cols, 3) sums of x and y, m from (x0, y0), and number of the hits.
-        x0: x of the grid's corner, m; sums are taken about it, which keeps them well conditioned.
+        x0: x of the grid's corner, m. Sums are relative to it, which keeps them well conditioned.
         y0: y of the grid's corner, m.
         resolution: Side of a cell, m.
         grain: Standard deviation added across a surface, m.
-        most_steps: Iterations at most.
+        most_steps: Largest number of iterations.
 
     Returns:
-        Pose (3,); information (3, 3) of the last step, robust weights included, and none in a
-        direction that is not held; share of the points that met a surface; mean squared
-        Mahalanobis distance of those, about 2 or less when the scan fits the map.
+        Pose (3,); information (3, 3) of the last step, with robust weights, zero in an
+        unobservable direction; share of the points that met a surface; mean squared Mahalanobis
+        distance of these points, about 2 or less if the scan fits the map.
     """
     n, pose = points.shape[0], start.copy()
     cache = _SurfaceCache(np.empty((n, 5)), np.zeros(n, np.bool_), np.full(n, -1))
@@ -250,7 +250,7 @@ def refine(
         h[1, 0], h[2, 0], h[2, 1] = h[0, 1], h[0, 2], h[1, 2]
         for k in range(3):
             h[k, k] += _TINY
-        # A direction that nothing holds is made stiff, so that the step does not go there.
+        # An unobservable direction is made stiff, so that the step has no part in it.
         open_ = unheld_direction(h)
         step = np.linalg.solve(h + _STIFF * np.outer(open_, open_), g)
         pose[0] -= step[0]
@@ -275,7 +275,7 @@ def _normal_equations(
     h: FloatArray,
     g: FloatArray,
 ) -> tuple[int, float]:
-    """Write the upper half of h (3, 3) and g (3,) at a pose: matched points, and their residual."""
+    """Fill the upper half of h (3, 3) and g (3,); return matched points and their residual."""
     rows, cols = hits.shape[0], hits.shape[1]
     surfaces, known, cell_of = cache
     h[:], g[:] = 0.0, 0.0
@@ -288,8 +288,8 @@ def _normal_equations(
         row, col = math.floor(py / resolution), math.floor(px / resolution)
         if row < 0 or col < 0 or row >= rows or col >= cols:
             continue
-        # A point's surface is found anew only when the point has moved to another cell, which in
-        # the last steps it hardly ever does; neighbours in a scan often share theirs.
+        # A point's surface is computed again only if the point has moved to another cell. This is
+        # rare in the last steps. Neighbours in a scan often share a surface.
         cell, surface = row * cols + col, surfaces[i]
         if cell != cell_of[i]:
             cell_of[i] = cell

@@ -1,1 +1,1 @@
-"""What the robot perceives beside its map: moving things, and obstacles too low for the LiDAR."""
+"""Perception beside the map: moving obstacles, and obstacles that the LiDAR cannot see."""

@@ -1,9 +1,8 @@
-"""Detects which points of a scan lie in space that an earlier scan saw to be free.
+"""Detect the points of a scan that lie in space that an earlier scan saw free.
 
-A static surface was hit by every earlier beam in its direction, or was hidden behind something
-nearer. So a point well in front of everything that an earlier scan hit in that direction must have
-moved there since. The test compares scans only: it needs no map, and errors of the map do not
-enter it.
+An earlier beam towards a static surface hits it, or hits something nearer. So a point well in
+front of everything that an earlier scan hit in its direction must have moved there since. The test
+compares scans only. It needs no map, and errors of the map do not affect it.
 """
 
 from __future__ import annotations
@@ -18,20 +17,20 @@ from numpy.typing import NDArray
 from simloop.messages import FloatArray
 
 BINS = 360
-"""Directions round the laser, one degree each, in which an earlier scan keeps its range."""
+"""Number of directions around the laser, one degree each, for which a scan's range is kept."""
 
-_SCANS_BACK = (3, 6, 12, 20)  # old scans too: something slow takes long to leave its place
-_WINDOW_BINS = 2  # neighbour bins on either side that must have been free as well
-_LASER_SHIFT_M = 0.06  # how far the laser moves in one sweep: near points need a wider window
-_LEAST_KNOWN_BINS = 3  # in the window: with fewer, the earlier scan saw too little there
-_MARGIN_M = 0.10
-_MARGIN_SHARE = 0.02  # of the distance, added to the margin
-_FAR_M = 7.0  # beyond it, thin things fall between the beams
+_SCANS_BACK = (3, 6, 12, 20)  # ages of the compared scans, in scans; slow obstacles need old ones
+_WINDOW_BINS = 2  # number of neighbour bins on either side that must have been free as well
+_LASER_SHIFT_M = 0.06  # motion of the laser in one sweep: near points need a wider window
+_LEAST_KNOWN_BINS = 3  # with fewer known bins in the window, the earlier scan saw too little
+_MARGIN_M = 0.10  # constant part of the distance by which the earlier beam must pass a point
+_MARGIN_SHARE = 0.02  # part of that distance that grows with the range, m/m
+_FAR_M = 7.0  # farther points are not tested: thin objects fall between the beams
 
 
 @njit(cache=True)
 def _bin(dx: float, dy: float) -> int:
-    """The bin of the direction (dx, dy)."""
+    """Return the bin of the direction (dx, dy)."""
     return int((math.atan2(dy, dx) / (2.0 * math.pi) + 0.5) * BINS) % BINS
 
 
@@ -72,13 +71,13 @@ def mark_moved(
         far = math.hypot(dx, dy)
         if moved[i] or far > _FAR_M:
             continue
-        # The earlier beam must have gone clearly past the point: noise and the error of the pose
-        # are no motion.
+        # The earlier beam must have passed the point clearly, because noise and the error of the
+        # pose must not count as motion.
         bearing, needed = _bin(dx, dy), far * (1.0 + _MARGIN_SHARE) + _MARGIN_M
         if not ranges[bearing] > needed:
-            continue  # nearly every point ends here, without the search of the window
-        # A beam that just misses an edge sees past a static thing. So the neighbours must have
-        # been free too, over a wider angle the nearer the point: the laser itself has moved.
+            continue  # nearly every point is done here, without the search of the window
+        # A beam that just misses an edge passes a static object. So the neighbours must have been
+        # free too. The window is wider for near points, because the laser itself has moved.
         least, known = np.inf, 0
         window = _WINDOW_BINS + int(_LASER_SHIFT_M / max(far, 0.05) * BINS / (2.0 * math.pi))
         for k in range(-window, window + 1):
@@ -90,13 +89,13 @@ def mark_moved(
 
 
 class ChangeDetector:
-    """Compares each scan with scans of the last two seconds."""
+    """Comparison of each scan with scans of the last two seconds."""
 
     def __init__(self) -> None:
         self._past: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=max(_SCANS_BACK))
 
     def reset(self) -> None:
-        """Forget all scans: the robot's pose has jumped, so they no longer fit together."""
+        """Forget all scans. Call this when the pose has jumped: they no longer fit together."""
         self._past.clear()
 
     def detect(self, points_m: FloatArray, laser_m: FloatArray) -> NDArray[np.bool_]:

@@ -1,12 +1,12 @@
-"""Remembers obstacles that the LiDAR cannot see: too low for its plane, or hanging above it.
+"""Map obstacles that the LiDAR cannot see: too low for its plane, or hanging above it.
 
-    depth image -> steep rises from the ground -> less what the scan shows too -> a grid of its own
+    depth image -> steep rises from the ground -> without what the scan shows -> a separate grid
 
-A column of an image is an upright slice through the world. A pixel is an obstacle if a pixel below
-it in its column is lower, and not much nearer. So ramps and a pitching robot make no obstacles, and
+A column of an image is a vertical slice through the world. A pixel is an obstacle if a pixel below
+it in its column is lower and not much nearer. So ramps and a pitching robot make no obstacles, but
 a bar that hangs free does. The map keeps the nearest such pixel of each column and some depth
-behind it. When the robot comes so near that the camera no longer sees an obstacle, it is kept. It
-is forgotten only where the whole height of the robot is seen to be free.
+behind it. An obstacle stays in the map when the robot is so near that the camera no longer sees it.
+It is removed only where the camera sees free space over the whole height of the robot.
 """
 
 from __future__ import annotations
@@ -24,25 +24,27 @@ from simloop.geometry.se2 import between, transform_points
 from simloop.mapping.grid_map import GridMap
 from simloop.messages import DepthImage, FloatArray, MoverTracks, pixel_slopes
 
-_EDGE_M = 0.04  # two pixels of a column this close in depth belong to one thing
-_BIAS_M = 0.015  # a corner comes out too far, as the mean of its cell; this moves it back
+_EDGE_M = 0.04  # two pixels of a column this close in depth belong to one object
+_BIAS_M = 0.015  # a corner is seen too far away, as the mean of its cell: this moves it back
 _DEPTHS_M = tuple(np.arange(0.05, 0.26, 0.05).tolist())
-"""How far behind its face an obstacle is assumed to reach, until its place is seen to be free."""
+"""Depths behind its face to which an obstacle is assumed to extend, until they are seen free, m."""
+# Spacing of the robot's trail, distance within which a place is on it, and distances ahead at
+# which ``has_driven`` tests this.
 _TRAIL_STEP_M, _ASIDE_M, _BACKWARDS_M = 0.05, 0.12, (0.1, 0.2, 0.3, 0.4, 0.5)
-_SIGHTINGS = 1.5  # more are needed: a moving thing is seen only once in each place
-_FADE = 0.01  # of the log-odds, with each image in which something moves
-_FREE_MARGIN_M = 0.1  # no vote for free ground so close before an obstacle
-_SAME_M = 0.03  # a point this near to a surface of the scan is on that surface
-_TALL_M = 0.15  # the same for things as tall as the scan's plane: they may have moved since
-_ONE_SURFACE_M = 0.3  # neighbours in a scan that lie farther apart are on different surfaces
-_MOVER_PADDING_M = 0.1  # round moving things
+_SIGHTINGS = 1.5  # a cell needs more hits than this: a moving object hits each place only once
+_FADE = 0.01  # share of the log-odds removed by each image while something moves
+_FREE_MARGIN_M = 0.1  # no free votes in this distance before an obstacle
+_SAME_M = 0.03  # a point this near to a surface of the scan lies on that surface
+_TALL_M = 0.15  # the same for objects as tall as the scan's plane: they may have moved since
+_ONE_SURFACE_M = 0.3  # neighbours in a scan that are farther apart are on different surfaces
+_MOVER_PADDING_M = 0.1  # added to the radius of moving obstacles
 
 
 @njit(cache=True)
 def _climbs(
     depth: NDArray[np.float32], z: FloatArray, row: int, col: int, step: float, slope: float
 ) -> bool:
-    """Whether the pixel rises steeply from one below it in its column."""
+    """Return whether the pixel rises steeply from a pixel below it in its column."""
     for below in range(row + 1, depth.shape[0]):
         rise = z[row] - z[below]
         if rise >= step and rise >= slope * abs(depth[row, col] - depth[below, col]):
@@ -56,20 +58,21 @@ def find_obstacles(
 ) -> FloatArray:
     """Find the nearest obstacle in each column of a depth image.
 
-    A thing whose foot falls into a wide gap between the depths of two rows is left for a nearer
-    look. A pixel above the robot's height counts as hanging down into its way if the next ray
-    below passes under it: its lower edge may lie anywhere between the two rays.
+    If the foot of an object lies in a wide gap between the depths of two rows, its distance is
+    decided later, when the robot is nearer. A pixel above the robot's height is an obstacle too if
+    the next ray below passes under it within the robot's height: its lower edge may lie anywhere
+    between the two rays.
 
     Args:
         depth: (rows, cols) along the optical axis, m, top row first; inf where nothing came back.
-        row_slopes: (rows,) rise of each row's rays for one unit of depth.
+        row_slopes: (rows,) rise of each row's rays per unit of depth.
         camera_m: height of the camera over the ground, m.
         limits: (4,) least step, m; least slope of a rise, for a column straight ahead (it is less
-            steep to the sides); greatest height that is in the way, m; greatest depth, m.
+            steep to the sides); greatest height that obstructs the robot, m; greatest depth, m.
 
     Returns:
         (cols, 3) for each column: depth of the nearest obstacle, m, or inf; depth up to which the
-        ground is surely free, m; height that the nearest obstacle is seen to reach, m.
+        ground is surely free, m; greatest height seen of the nearest obstacle, m.
     """
     step, slope, height, reach = limits
     rows, cols = depth.shape
@@ -77,7 +80,7 @@ def find_obstacles(
     for col in range(cols):
         nearest, ground, free = np.inf, 0.0, np.inf
         before = 0.0  # depth of the next valid pixel below
-        # Upwards from the foot of the image: a pixel is judged by the pixels below it.
+        # Walk upwards from the foot of the image: each pixel is compared with those below it.
         for row in range(rows - 1, -1, -1):
             far = float(depth[row, col])
             z[row] = camera_m + row_slopes[row] * far if far < np.inf else np.nan
@@ -86,17 +89,17 @@ def find_obstacles(
             if z[row] < step:
                 ground = max(ground, far)
             elif far <= reach and (far < nearest or before < free):
-                # The ray below went on under this pixel, so there is a gap beneath it.
+                # The ray below reached farther than this pixel, so there is a gap under it.
                 under = row + 1 < rows and before > far
                 hangs = under and camera_m + row_slopes[row + 1] * far < height <= z[row]
                 if hangs or (z[row] <= height and _climbs(depth, z, row, col, step, slope)):
                     free = min(free, before, far)
-                    # Only where the pixel below is about as near is the foot known well.
+                    # The foot is known well only if the pixel below has about the same depth.
                     if far - before < _EDGE_M:
                         nearest = min(nearest, far)
             before = far
         found[col, 0], found[col, 1] = nearest, min(ground, free)
-        # The height tells whether the LiDAR should have seen it too.
+        # The height shows whether the LiDAR should have seen the obstacle too.
         for row in range(rows):
             if abs(depth[row, col] - nearest) < _EDGE_M:
                 found[col, 2] = max(found[col, 2], z[row])
@@ -107,19 +110,19 @@ def find_obstacles(
 def on_scan_surfaces(
     points: FloatArray, scan: FloatArray, tolerance_m: FloatArray, gap_m: float
 ) -> NDArray[np.bool_]:
-    """Tell which points lie on the surfaces that a scan shows.
+    """Find the points that lie on the surfaces that a scan shows.
 
-    Neighbouring points of the scan are joined by a straight line, because the camera sees a wall
-    between two beams as well.
+    Neighbouring hits of the scan are joined by a straight line, because the camera also sees a
+    wall between two beams.
 
     Args:
         points: (n, 2) m.
-        scan: (m, 2) hits, m, in the same frame, in the order of their bearings all round.
+        scan: (m, 2) hits of a full turn, in the same frame and in the order of their bearings, m.
         tolerance_m: (n,) a point nearer than this to a line is on it.
         gap_m: neighbours of the scan farther apart than this are not joined.
 
     Returns:
-        (n,) bool.
+        (n,) bool, whether each point lies on a surface.
     """
     out = np.zeros(points.shape[0], np.bool_)
     for i in range(points.shape[0]):
@@ -130,8 +133,8 @@ def on_scan_surfaces(
             px, py = points[i, 0] - ax, points[i, 1] - ay
             square = dx * dx + dy * dy
             if square > gap_m * gap_m:
-                dx, dy, square = 0.0, 0.0, 0.0  # not one surface: only the hit itself counts
-            # f: where along the line the point's foot lies, 0 to 1.
+                dx, dy, square = 0.0, 0.0, 0.0  # two surfaces: test the previous hit alone
+            # f: position of the point's projection along the line, 0 to 1.
             f = min(1.0, max(0.0, (px * dx + py * dy) / square)) if square > 0.0 else 0.0
             if math.hypot(px - f * dx, py - f * dy) < tolerance_m[i]:
                 out[i] = True
@@ -140,11 +143,11 @@ def on_scan_surfaces(
 
 
 class LowObstacleMap:
-    """Keeps what the depth camera saw and the LiDAR did not.
+    """Map of the obstacles that the depth camera saw and the LiDAR did not.
 
     Attributes:
-        surfaces_m: (k, 2) in map, all obstacles with the depth that they are assumed to have.
-        seen_m: (m, 2) in map, that part of them which was really seen.
+        surfaces_m: (k, 2) in map, all obstacles with their assumed depth.
+        seen_m: (m, 2) in map, the part of them that was really seen.
     """
 
     def __init__(
@@ -157,9 +160,10 @@ class LowObstacleMap:
         """Make an empty map.
 
         Args:
-            config: what counts as an obstacle.
+            config: definition of an obstacle.
             slam: settings of the grids.
-            base_from_camera: (3,) the camera's position in base_link, m; it looks along x, level.
+            base_from_camera: (3,) the camera's position in base_link, m. It looks along x and is
+                level.
             laser_height_m: height of the LiDAR's plane over the ground, m.
         """
         self._config, self._laser_m = config, laser_height_m
@@ -185,10 +189,10 @@ class LowObstacleMap:
             pose: (3,) base_link in map when the image was taken.
             scan_m: (n, 2) hits of the latest scan, m, in base_link at ``scan_pose``.
             scan_pose: (3,) base_link in map at the end of that scan, which may be earlier.
-            movers: what moves; it is not entered.
+            movers: tracked moving obstacles; they are not entered.
 
         Returns:
-            (k, 2) in map, the places that became occupied.
+            (k, 2) in map, m, hit means of the cells that became occupied.
         """
         if not self._trail or math.dist(self._trail[-1], pose[:2]) > _TRAIL_STEP_M:
             self._trail.append(np.array(pose[:2]))
@@ -210,14 +214,14 @@ class LowObstacleMap:
         return self._insert(depth[new], slope[new], rays, pose)
 
     def has_driven(self, pose: FloatArray, course: float) -> bool:
-        """Tell whether the robot came this way, so that it may reverse along it without seeing.
+        """Return whether the robot has driven here before, so that it may reverse without seeing.
 
         Args:
             pose: (3,) base_link in map.
-            course: direction in map in which it would drive from there, rad.
+            course: direction in map in which the robot would drive from the pose, rad.
 
         Returns:
-            Whether its own trail runs along the next half metre.
+            Whether the robot's own trail follows the next half metre.
         """
         ahead = np.array(_BACKWARDS_M)[:, None] * np.array([math.cos(course), math.sin(course)])
         apart = (pose[:2] + ahead)[:, None] - np.array(self._trail or [np.full(2, np.inf)])
@@ -226,15 +230,15 @@ class LowObstacleMap:
     def _unseen_by_scan(
         self, points: FloatArray, top_m: FloatArray, scan_m: FloatArray
     ) -> NDArray[np.bool_]:
-        """(n,) which of points (n, 2), of things ``top_m`` (n,) high, the scan does not show."""
+        """Return (n,) which of points (n, 2), with heights ``top_m`` (n,), the scan lacks."""
         tolerance = np.where(top_m >= self._laser_m, _TALL_M, _SAME_M)
         return ~on_scan_surfaces(points, scan_m, tolerance, _ONE_SURFACE_M)
 
     def _free_rays(
         self, free: FloatArray, column_slopes: FloatArray, top_slope: float
     ) -> list[FloatArray]:
-        """Starts and ends (m, 2) in base_link of the stretches of ground that are seen free."""
-        # Nearer than this, the image's edges cut off the robot's foot or its head.
+        """Return starts and ends (m, 2) in base_link of the rays over ground seen free."""
+        # At smaller depths the image does not cover the whole height of the robot.
         whole_m = max(self._mount[2], self._config.height_m - self._mount[2]) / top_slope
         until = np.minimum(free - _FREE_MARGIN_M, self._config.clear_m)
         clear = until > whole_m
@@ -243,7 +247,7 @@ class LowObstacleMap:
     def _insert(
         self, depth: FloatArray, slope: FloatArray, rays: list[FloatArray], pose: FloatArray
     ) -> FloatArray:
-        """Enter obstacles at ``depth`` (n,) in columns of ``slope`` (n,); what became occupied."""
+        """Enter obstacles (n,) by depth and column slope; return the newly occupied places."""
         behind = np.concatenate([self._points(depth + d, slope) for d in _DEPTHS_M])
         fresh = [
             _enter(self._seen, self._points(depth - _BIAS_M, slope), rays, pose),
@@ -254,12 +258,12 @@ class LowObstacleMap:
         return np.concatenate(fresh)
 
     def _fade(self) -> None:
-        """Trust all that is remembered a little less: moving things leave traces in it."""
+        """Reduce all evidence a little, because moving obstacles leave traces in the map."""
         for grid in (self._seen, self._behind):
             grid.fade(_FADE)
 
     def _points(self, depth: FloatArray | float, slope: FloatArray) -> FloatArray:
-        """(n, 2) in base_link, m, at depths (n,) in columns that lead ``slope`` (n,) left."""
+        """Return points (n, 2) in base_link, m, by depth and leftward slope of their columns."""
         x, y, _ = self._mount
         return np.stack(np.broadcast_arrays(x + depth, y + depth * slope), axis=1)
 
@@ -267,7 +271,7 @@ class LowObstacleMap:
 def _enter(
     grid: GridMap, points: FloatArray, rays: list[FloatArray], pose: FloatArray
 ) -> FloatArray:
-    """Enter points (n, 2) and free rays, starts and ends (m, 2), in base_link; what is new."""
+    """Enter points (n, 2) and free rays (m, 2) in base_link; return newly occupied places."""
     starts, ends = rays
     through = np.repeat([False, True], [len(points), len(ends)])
     fresh, _ = grid.insert(

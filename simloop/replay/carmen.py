@@ -1,12 +1,12 @@
-"""Reads CARMEN's text logs (.log, .clf): FLASER, ROBOTLASER1 and PARAM lines; it skips all others.
+"""Read CARMEN's text logs (.log, .clf): FLASER, ROBOTLASER1 and PARAM lines. Skip all others.
 
     FLASER n r_1 .. r_n  laser_x laser_y laser_yaw  odom_x odom_y odom_yaw  t host logger_t
     ROBOTLASER1 type start fov resolution max accuracy remission n r_1 .. r_n  m s_1 .. s_m
         laser_x laser_y laser_yaw  robot_x robot_y robot_yaw  (5 more)  t host logger_t
 
-Odometry is raw. The laser's pose on the robot follows from the laser's and the robot's poses in a
-line. In some logs the laser's poses were corrected afterwards; then the two do not belong together,
-and the offset of the PARAM line is used.
+Odometry is raw. The laser's pose on the robot is computed from the laser's and the robot's poses in
+a line. In some logs the laser's poses were corrected afterwards and do not belong to the robot's
+poses. Then the offset of the PARAM line is used.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from simloop.messages import FloatArray
 from simloop.replay.laser_log import LaserLog, beam_angles, clean_log
 
 _OFFSET_PARAMETERS = ("robot_front_laser_offset", "robot_frontlaser_offset")
-_STEADY = 0.01  # m and rad, by which a fixed laser may seem to move: the log is rounded
-_MOST_OFFSET_M = 1.5  # a laser cannot be farther from the robot's centre
-_MOST_BEAMS = 100_000
+_STEADY = 0.01  # a laser that seems to move by less is fixed, m and rad: the log is rounded
+_MOST_OFFSET_M = 1.5  # largest possible distance of a laser from the robot's centre
+_MOST_BEAMS = 100_000  # a line with more beams is not valid
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Scan:
-    """One laser line: poses are x, y, yaw; the clocks are the sensor's and the logger's, s."""
+    """Data of one laser line: poses x, y, yaw; times by the sensor's and the logger's clock, s."""
 
     ranges: list[float]
     laser: list[float]
@@ -45,10 +45,10 @@ def parse_carmen(lines: Iterable[str], name: str = "log") -> LaserLog:
 
     Args:
         lines: the log's lines.
-        name: what errors call the log.
+        name: name of the log in error messages.
 
     Returns:
-        The scans that could be used.
+        The usable scans.
 
     Raises:
         InputError: if there is no scan.
@@ -70,10 +70,10 @@ def parse_carmen(lines: Iterable[str], name: str = "log") -> LaserLog:
     if not scans:
         if skipped:
             raise InputError(
-                f"{name}, line {bad_line}: no laser line of the log can be read; this is the first"
+                f"{name}, line {bad_line}: not a valid laser line; the log has no valid one"
             )
         raise InputError(f"{name}: has no FLASER or ROBOTLASER1 line; is it a CARMEN log?")
-    # A log may hold two lasers, or cut lines. The most frequent number of beams is the laser's.
+    # A log may hold two lasers, or truncated lines. Use the most frequent number of beams.
     beams = Counter(len(scan.ranges) for scan in scans).most_common(1)[0][0]
     chosen = [scan for scan in scans if len(scan.ranges) == beams]
     skipped += len(scans) - len(chosen)
@@ -91,7 +91,7 @@ def parse_carmen(lines: Iterable[str], name: str = "log") -> LaserLog:
 
 
 def _flaser(words: list[str]) -> _Scan:
-    """Read the words of a FLASER line; ValueError or IndexError if they are no such line."""
+    """Parse the words of a FLASER line; raise ValueError or IndexError if it is not valid."""
     count = int(words[1])
     if not 1 <= count <= _MOST_BEAMS:
         raise ValueError(words[1])
@@ -101,7 +101,7 @@ def _flaser(words: list[str]) -> _Scan:
 
 
 def _robotlaser(words: list[str]) -> _Scan:
-    """Read the words of a ROBOTLASER1 line; ValueError or IndexError if they are no such line."""
+    """Parse the words of a ROBOTLASER1 line; raise ValueError or IndexError if it is not valid."""
     start, _, step = (float(word) for word in words[2:5])
     count = int(words[8])
     if not (1 <= count <= _MOST_BEAMS and math.isfinite(start) and math.isfinite(step)):
@@ -115,9 +115,9 @@ def _robotlaser(words: list[str]) -> _Scan:
 
 
 def _tail(words: list[str], t_at: int) -> tuple[list[float], list[float], tuple[float, float]]:
-    """Read what follows the ranges: laser pose, robot pose and two clocks, the first at ``t_at``.
+    """Parse the words after the ranges: laser pose, robot pose, and two clocks from ``t_at``.
 
-    The second clock is the first one again if the line has no other.
+    If the line has only one clock, it is returned twice.
     """
     numbers = [float(word) for word in words[:6]]
     if len(numbers) < 6 or not all(map(math.isfinite, numbers)):
@@ -130,7 +130,7 @@ def _tail(words: list[str], t_at: int) -> tuple[list[float], list[float], tuple[
 
 
 def _laser_offset(laser: FloatArray, odom: FloatArray, parameter_m: float) -> FloatArray:
-    """base_from_laser (3,): from the poses if it is constant in them, else from the parameter."""
+    """Return base_from_laser (3,), by the poses if constant there, else by the parameter."""
     seen = np.array([between(o, p) for o, p in zip(odom, laser, strict=True)])
     middle = np.median(seen, axis=0)
     off = np.abs(seen - middle)

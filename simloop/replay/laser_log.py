@@ -1,4 +1,4 @@
-"""The log of a planar laser on a wheeled robot, independent of the file's format."""
+"""Hold the log of a planar laser on a wheeled robot, independent of the file's format."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from simloop.common.errors import InputError
 from simloop.messages import FloatArray
 
-_RANGE_MIN_M = 0.1  # nearer hits are the robot itself, or dust
+_RANGE_MIN_M = 0.1  # nearer hits are ignored: they are the robot itself, or dust
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -18,15 +18,15 @@ class LaserLog:
     """Scans in the order of their times, each with the pose by wheel odometry.
 
     Attributes:
-        t_s: (n,) times, rising.
+        t_s: (n,) times, rising, s.
         ranges_m: (n, beams), inf where nothing came back.
         angles_rad: (beams,) directions of the beams in the laser's frame.
         odom: (n, 3) odom_from_base, m, m, rad.
         base_from_laser: (3,) the laser's pose in base_link.
         relations: (m, 5) t1, t2, and the pose dx, dy, dyaw at t2 in the frame of the pose at t1;
             None if the file has none.
-        skipped: how many lines or scans of the file could not be used.
-        clocks_s: further clocks (n,) that the file keeps.
+        skipped: number of lines or scans of the file that could not be used.
+        clocks_s: the scans' times (n,) by each further clock in the file.
     """
 
     t_s: FloatArray
@@ -40,13 +40,13 @@ class LaserLog:
 
 
 def beam_angles(beams: int, fov_rad: float = math.pi) -> FloatArray:
-    """Give the beams' directions in a sweep that is symmetric about the laser's x axis.
+    """Compute the beams' directions in a sweep that is symmetric about the laser's x axis.
 
-    An odd number of beams, such as 181 or 361, reaches both ends of the field of view. An even
-    number stops one step short of its end, as in CARMEN.
+    An odd number of beams, such as 181 or 361, covers both ends of the field of view. An even
+    number ends one step before the end, as in CARMEN.
 
     Args:
-        beams: how many.
+        beams: number of beams.
         fov_rad: field of view.
 
     Returns:
@@ -67,18 +67,18 @@ def clean_log(
     skipped: int = 0,
     clocks_s: tuple[FloatArray, ...] = (),
 ) -> LaserLog:
-    """Make a log of the scans that have finite numbers and a later time than the scan before.
+    """Make a log of the scans with a finite pose and a later time than the scan before.
 
     Args:
-        t_s: (n,) times.
+        t_s: (n,) times, s.
         ranges_m: (n, beams); not finite or not positive where nothing came back.
-        angles_rad: (beams,) in the laser's frame.
-        odom: (n, 3) odom_from_base.
-        base_from_laser: (3,).
-        name: what errors call the log.
+        angles_rad: (beams,) directions in the laser's frame.
+        odom: (n, 3) odom_from_base, m, m, rad.
+        base_from_laser: (3,) the laser's pose in base_link, m, m, rad.
+        name: name of the log in error messages.
         relations: (m, 5) as in ``LaserLog``.
-        skipped: how many scans were left out before.
-        clocks_s: further clocks (n,).
+        skipped: number of lines or scans that were skipped before.
+        clocks_s: further clocks (n,), s.
 
     Returns:
         The log.
@@ -108,10 +108,10 @@ def clean_log(
 
 
 def usable_range_m(log: LaserLog) -> float:
-    """Find the greatest range that means a surface.
+    """Find the greatest range that is a hit.
 
-    A laser reports 'nothing came back' by its greatest number: 81.91 m, or 8.19, 31.9 or 50 m,
-    depending on its settings. That number therefore comes very often.
+    If no echo comes back, a laser reports its largest value: 81.91 m, or 8.19, 31.9 or 50 m,
+    depending on its settings. So the log contains this value very often.
 
     Args:
         log: the log.
@@ -132,7 +132,7 @@ def usable_range_m(log: LaserLog) -> float:
 
 
 class ScanReader:
-    """Turns a log's scans into points: one for each beam that hit something."""
+    """Converter of a log's scans to points, one for each beam that hit something."""
 
     def __init__(self, log: LaserLog, range_max_m: float) -> None:
         """Prepare to read a log.
@@ -148,13 +148,13 @@ class ScanReader:
         self._origin = log.base_from_laser[:2]
 
     def points(self, scan: int) -> tuple[FloatArray, FloatArray]:
-        """Give the points of one scan.
+        """Compute the points of one scan.
 
         Args:
-            scan: its index in the log.
+            scan: index of the scan in the log.
 
         Returns:
-            Hits (n, 2) and the beams' origins (n, 2), in base_link, m.
+            Hits (n, 2) and beam origins (n, 2), in base_link, m.
         """
         ranges = self._ranges[scan]
         valid = (ranges >= _RANGE_MIN_M) & (ranges <= self._most)

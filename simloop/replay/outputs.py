@@ -1,4 +1,4 @@
-"""Writes the results of a replay: map, trajectory, recording and the table of figures."""
+"""Write the results of a replay: map, trajectory, recording and the table of figures."""
 
 from __future__ import annotations
 
@@ -19,29 +19,29 @@ from simloop.replay.recording import record
 from simloop.replay.result import Replay
 
 STDOUT = Path("-")
-"""Stands for the standard output."""
+"""Path that means the standard output."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReplayFiles:
-    """Where a replay's results are written.
+    """Output paths of a replay.
 
     Attributes:
-        directory: for map, trajectory and recording; None if they are not wanted.
-        figures: for the figures as JSON; ``STDOUT`` for the standard output; None if not wanted.
+        directory: directory of map, trajectory and recording; None to write none of them.
+        figures: JSON file of the figures; ``STDOUT`` for the standard output; None to write none.
     """
 
     directory: Path | None
     figures: Path | None
 
     def check(self, *read: Path | None) -> None:
-        """Check before the replay that everything can be written.
+        """Check before the replay that all files can be written.
 
         Args:
-            read: the files that are read; None is ignored.
+            read: the input files; None is ignored.
 
         Raises:
-            InputError: if a file cannot be written, or would overwrite one that is read.
+            InputError: if a file cannot be written, or would overwrite an input file.
         """
         sources = {path.resolve() for path in read if path is not None}
         if self.directory is not None:
@@ -52,21 +52,21 @@ class ReplayFiles:
         if self.figures is not None and self.figures != STDOUT:
             check_file(self.figures, "--json")
             if self.figures.resolve() in sources:
-                raise InputError(f"--json {self.figures}: would overwrite a file that is read")
+                raise InputError(f"--json {self.figures}: would overwrite an input file")
 
     @property
     def map_file(self) -> Path:
-        """The map's YAML file; its picture lies beside it."""
+        """The map's YAML file; its image is beside it."""
         return self._in("map.yaml")
 
     @property
     def trajectory(self) -> Path:
-        """The trajectory in TUM's format."""
+        """The file of the trajectory in TUM format."""
         return self._in("trajectory.tum")
 
     @property
     def recording(self) -> Path:
-        """The recording for rerun's viewer."""
+        """The recording for the rerun viewer."""
         return self._in("replay.rrd")
 
     def _in(self, name: str) -> Path:
@@ -75,11 +75,11 @@ class ReplayFiles:
 
 
 def to_tum(t_s: FloatArray, poses: FloatArray) -> str:
-    """Format a trajectory as the TUM tools and evo read it.
+    """Format a trajectory for the TUM tools and evo.
 
     Args:
-        t_s: (n,) times.
-        poses: (n, 3) x, y, yaw.
+        t_s: (n,) times, s.
+        poses: (n, 3) x, y, yaw, m, m, rad.
 
     Returns:
         Lines 't x y z qx qy qz qw'.
@@ -91,14 +91,14 @@ def to_tum(t_s: FloatArray, poses: FloatArray) -> str:
 
 
 def write(replay: Replay, files: ReplayFiles) -> None:
-    """Write map, trajectory and recording, if they are wanted.
+    """Write map, trajectory and recording, if a directory is given.
 
     Args:
         replay: the result.
-        files: where to.
+        files: the output paths.
 
     Raises:
-        InputError: if the directory cannot be made.
+        InputError: if the directory cannot be created.
         OSError: if a file cannot be written.
     """
     if files.directory is None:
@@ -118,7 +118,7 @@ def print_figures(console: Console, figures: dict[str, Any]) -> None:
     """Print the figures as a table.
 
     Args:
-        console: where to.
+        console: the console to print to.
         figures: as in ``Replay.figures``.
     """
     rows = []

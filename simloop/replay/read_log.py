@@ -1,4 +1,4 @@
-"""Reads a log file of any supported format."""
+"""Read a log file of any supported format."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ def read_log(path: Path) -> LaserLog:
     """Read a CARMEN log or an ``.npz``.
 
     Args:
-        path: the file; its suffix tells the format.
+        path: the file; its suffix gives the format.
 
     Returns:
         The log.
 
     Raises:
-        InputError: if the file is missing, or is neither.
+        InputError: if the file is missing or is not a valid log.
     """
     if not path.exists():
         raise InputError(f"{path}: no such file")
@@ -41,7 +41,7 @@ def read_log(path: Path) -> LaserLog:
 
 
 def _read_npz(path: Path) -> LaserLog:
-    """Read a log kept as numpy arrays, and check the arrays' shapes."""
+    """Read a log stored as numpy arrays, and check the arrays' shapes."""
     try:
         with np.load(path, allow_pickle=False) as data:
             table = {key: np.asarray(data[key], np.float64) for key in data.files}
@@ -49,13 +49,13 @@ def _read_npz(path: Path) -> LaserLog:
         raise InputError(f"{path}: not a readable .npz: {error}") from None
     for key in _NPZ_KEYS:
         if key not in table:
-            raise InputError(f"{path}: lacks {key}; it must have {', '.join(_NPZ_KEYS)}")
+            raise InputError(f"{path}: {key} is missing; required: {', '.join(_NPZ_KEYS)}")
     t_s, ranges, odom = (table[key] for key in _NPZ_KEYS[:3])
     scans = len(t_s) if t_s.ndim == 1 else 0
     if scans == 0 or ranges.ndim != 2 or len(ranges) != scans or odom.shape != (scans, 3):
         raise InputError(
             f"{path}: scan_t_s {t_s.shape}, scan_ranges_m {ranges.shape} and scan_odom_xyyaw "
-            f"{odom.shape} do not fit; wanted are (n,), (n, beams) and (n, 3)"
+            f"{odom.shape} do not match; required: (n,), (n, beams) and (n, 3)"
         )
     if table["fov_deg"].size != 1 or not 0.0 < float(table["fov_deg"].ravel()[0]) <= 360.0:
         raise InputError(f"{path}: fov_deg must be one number in (0, 360]")
@@ -66,7 +66,7 @@ def _read_npz(path: Path) -> LaserLog:
     offset = table.get("laser_offset_x_m", np.zeros(1)).ravel()
     if offset.size != 1 or not np.isfinite(offset).all():
         raise InputError(f"{path}: laser_offset_x_m must be one number")
-    # The file's offset leads from the laser to base_link, of which odometry and relations are.
+    # The file's offset goes from the laser to base_link. Odometry and relations are of base_link.
     laser = np.array([-offset[0], 0.0, 0.0])
     angles = beam_angles(ranges.shape[1], fov)
     return clean_log(t_s, ranges, angles, odom, laser, str(path), relations)

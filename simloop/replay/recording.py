@@ -1,4 +1,4 @@
-"""Records a replay for rerun's viewer: map, scans, and the paths by mapper and by odometry."""
+"""Record a replay for the rerun viewer: map, scans, and the paths by mapper and by odometry."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ def record(path: Path, replay: Replay) -> None:
 
     Args:
         path: the file, ``.rrd``.
-        replay: what to record.
+        replay: the replay to record.
 
     Raises:
         OSError: if the file cannot be written.
     """
     import rerun as rr
 
-    # Opened here first, because the library's own error is no OSError and names no reason.
+    # Open the file here first: the library's own error is not an OSError and gives no reason.
     with open(path, "ab"):
         pass
     stream = rr.RecordingStream("simloop_replay")
@@ -79,7 +79,7 @@ def _send_poses(stream: Any, t_s: FloatArray, poses: FloatArray) -> None:
 
 
 def _send_scans(stream: Any, replay: Replay) -> None:
-    """The keyframes' scans, in base_link."""
+    """Log the keyframes' scans, in base_link."""
     import rerun as rr
 
     rows = replay.keyframe_points

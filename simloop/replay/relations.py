@@ -1,8 +1,9 @@
-"""Relative relations as ground truth (Kuemmerle et al. 2009, "On measuring the accuracy of SLAM").
+"""Measure trajectories by true relative poses (Kuemmerle et al. 2009).
 
-A relation is the true pose at time t2 in the frame of the pose at t1. Its error is the motion from
-the true pose to the estimated one, in the frame of the true one. The lengths of the errors'
-translations, and the sizes of their rotations, are averaged over all relations.
+The paper is "On measuring the accuracy of SLAM algorithms". A relation is the true pose at time t2
+in the frame of the pose at t1. Its error is the motion from the true pose to the estimated one, in
+the frame of the true one. The lengths of the errors' translations, and the sizes of their
+rotations, are averaged over all relations.
 """
 
 from __future__ import annotations
@@ -20,19 +21,19 @@ from simloop.messages import FloatArray
 from simloop.replay.laser_log import LaserLog
 
 MOST_GAP_S = 1.0
-"""Poses are interpolated only between scans that are no farther apart in time."""
+"""Poses are interpolated only between scans that are at most this far apart in time, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class RelationErrors:
-    """How far a trajectory is from the relations.
+    """Errors of a trajectory, measured by relations.
 
     Attributes:
         translation_mean_m: mean length of the errors' translations.
-        translation_std_m: their standard deviation.
+        translation_std_m: standard deviation of these lengths.
         rotation_mean_deg: mean size of the errors' rotations, degrees.
-        count: how many relations were used.
-        left_out: how many lie in a gap of the log, or outside its time.
+        count: number of relations used.
+        left_out: number of relations in a gap of the log, or outside its time.
     """
 
     translation_mean_m: float
@@ -42,7 +43,7 @@ class RelationErrors:
     left_out: int
 
     def figures(self) -> dict[str, float | int]:
-        """Give the values by name, for the JSON.
+        """Return the values by name, for the JSON.
 
         Returns:
             Name to value.
@@ -60,7 +61,7 @@ def read_relations(path: Path) -> FloatArray:
         (m, 5) t1, t2, dx, dy, dyaw.
 
     Raises:
-        InputError: if the file cannot be read, or a line of it.
+        InputError: if the file or one of its lines cannot be read.
     """
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
@@ -83,7 +84,7 @@ def read_relations(path: Path) -> FloatArray:
             )
         rows.append([*row[:4], row[-1]])
     if not rows:
-        raise InputError(f"--relations {path}: has no relation")
+        raise InputError(f"--relations {path}: the file has no relation")
     return np.array(rows)
 
 
@@ -92,10 +93,10 @@ def times_on_relations_clock(log: LaserLog, relations: FloatArray) -> FloatArray
 
     Args:
         log: a log with one or more clocks.
-        relations: (m, 5) as ``read_relations`` gives them.
+        relations: (m, 5) as from ``read_relations``.
 
     Returns:
-        (n,) the scans' times on the clock within whose span most of the relations lie, s.
+        (n,) the scans' times, s, by the clock whose span contains most of the relations' times.
     """
 
     def count_within(clock: FloatArray) -> int:
@@ -107,16 +108,16 @@ def times_on_relations_clock(log: LaserLog, relations: FloatArray) -> FloatArray
 
 
 def interpolate_poses(t_s: FloatArray, poses: FloatArray, when_s: FloatArray) -> FloatArray:
-    """Interpolate a trajectory: linearly in x and y, the short way round in yaw.
+    """Interpolate a trajectory, linearly in x and y and over the shorter turn in yaw.
 
     Args:
-        t_s: (n,) times of the poses, rising.
-        poses: (n, 3) poses.
-        when_s: (m,) times to interpolate at.
+        t_s: (n,) times of the poses, rising, s.
+        poses: (n, 3) poses x, y, yaw, m, m, rad.
+        when_s: (m,) times to interpolate at, s.
 
     Returns:
-        (m, 3) poses; NaN in a gap longer than ``MOST_GAP_S`` and outside the trajectory. Exactly
-        at the time of a pose it is that pose, gap or not.
+        (m, 3) poses; NaN in a gap longer than ``MOST_GAP_S`` and outside the trajectory. At the
+        exact time of a pose the result is that pose, even beside a gap.
     """
     after = np.clip(np.searchsorted(t_s, when_s, side="left"), 0, len(t_s) - 1)
     exact = t_s[after] == when_s
@@ -140,7 +141,7 @@ def relation_errors(t_s: FloatArray, poses: FloatArray, relations: FloatArray) -
     Args:
         t_s: (n,) times, rising, on the relations' clock.
         poses: (n, 3) base_link at these times, in any fixed frame.
-        relations: (m, 5) as ``read_relations`` gives them.
+        relations: (m, 5) as from ``read_relations``.
 
     Returns:
         The errors.
@@ -151,12 +152,12 @@ def relation_errors(t_s: FloatArray, poses: FloatArray, relations: FloatArray) -
     first, second = (interpolate_poses(t_s, poses, relations[:, k]) for k in (0, 1))
     cos, sin = np.cos(first[:, 2]), np.sin(first[:, 2])
     dx, dy = (second - first)[:, :2].T
-    # The estimated translation in the frame of the first pose, less the true one.
+    # The estimated translation in the frame of the first pose, minus the true one.
     off = np.hypot(cos * dx + sin * dy - relations[:, 2], cos * dy - sin * dx - relations[:, 3])
     known = np.isfinite(off)
     count = int(np.count_nonzero(known))
     if count == 0:
-        raise InputError("no relation lies within the log's times; are they of another log?")
+        raise InputError("no relation lies within the log's times; do they belong to another log?")
     turned = wrap_angles(second[known, 2] - first[known, 2] - relations[known, 4])
     return RelationErrors(
         float(off[known].mean()),
@@ -168,7 +169,7 @@ def relation_errors(t_s: FloatArray, poses: FloatArray, relations: FloatArray) -
 
 
 def format_relations(relations: Sequence[Sequence[float]]) -> str:
-    """Write relations as lines that ``read_relations`` reads.
+    """Format relations as lines for ``read_relations``.
 
     Args:
         relations: rows of 5 or 8 numbers.

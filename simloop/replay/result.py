@@ -1,4 +1,4 @@
-"""The result of a replay."""
+"""Define the result of a replay."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from simloop.replay.laser_log import LaserLog
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Replay:
-    """What came out of a log, as far as it was replayed.
+    """Result of the replayed part of a log.
 
     Attributes:
         log: the log.
-        trajectory: (n, 3) base_link in map at each scan that was replayed; NaN where lost.
+        trajectory: (n, 3) base_link in map at each replayed scan, m, m, rad; NaN where lost.
         keyframes: indices of the scans that became keyframes.
         keyframe_points: hits (k, 2) of each keyframe, in its base_link, m.
         closures: for each loop closure the positions (2, 2) of its two keyframes in map, m.
-        map: the map, made or given.
-        figures: what is reported, as in the JSON.
+        map: the map that was made or given.
+        figures: the reported figures, as in the JSON.
     """
 
     log: LaserLog

@@ -1,4 +1,4 @@
-"""Runs a replay: a log in; trajectory, map and figures out."""
+"""Run a replay: make trajectory, map and figures from a log."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ from simloop.replay.result import Replay
 
 
 def load(log: Path, relations: Path | None) -> tuple[LaserLog, FloatArray | None]:
-    """Read a log, and the relations to measure it by.
+    """Read a log, and the relations that measure its trajectory.
 
     Args:
         log: the log's file.
-        relations: a file of relations; None for those in the log's own file, if there are any.
+        relations: a file of relations; None for the relations in the log's own file, if any.
 
     Returns:
         The log, and the relations (m, 5) or None.
@@ -53,7 +53,7 @@ def measure(
     Args:
         log: the log.
         poses: (n, 3) base_link at the log's first n scans.
-        relations: (m, 5) as ``read_relations`` gives them; None if there are none.
+        relations: (m, 5) as from ``read_relations``; None if there are none.
 
     Returns:
         The errors by name; None without relations.
@@ -76,14 +76,14 @@ def run(
 
     Args:
         log: the log.
-        relations: (m, 5) to measure the trajectory by; None if there are none.
+        relations: (m, 5) relations that measure the trajectory; None if there are none.
         config: settings; None for the defaults.
         prior: a map to localise the robot in; None to make one.
         go_on: called after each scan with the number of scans done; False ends the replay.
-        report: called for each kernel that is compiled; the figures do not include this time.
+        report: called for each kernel that is compiled. The figures do not include this time.
 
     Returns:
-        The result, of all scans that were replayed.
+        The result for all replayed scans.
     """
     config = config if config is not None else MappingConfig()
     profiler, reader = Profiler(), ScanReader(log, config.range_max_m)
@@ -121,7 +121,7 @@ def run(
 
 
 class _Mapping:
-    """Feeds the scans to the mapper."""
+    """Task that gives the scans to the mapper."""
 
     def __init__(self, config: MappingConfig, profiler: Profiler) -> None:
         self._mapper = GraphMapper(config, profiler)
@@ -161,7 +161,7 @@ class _Mapping:
 
 
 class _Tracking:
-    """Localises each scan in a given map; while the robot is lost, the pose is NaN."""
+    """Task that localises each scan in a given map. While the robot is lost, the pose is NaN."""
 
     closures: tuple[FloatArray, ...] = ()
 
@@ -191,7 +191,7 @@ class _Tracking:
 
 
 def _percentiles(name: str, milliseconds: FloatArray) -> dict[str, float | None]:
-    """Median and 99th percentile; None if nothing was timed."""
+    """Compute the median and the 99th percentile; None if nothing was timed."""
     some = milliseconds.size > 0
     return {
         f"{name}_p{p}": float(np.percentile(milliseconds, p)) if some else None for p in (50, 99)

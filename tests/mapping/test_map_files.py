@@ -83,7 +83,7 @@ def test_scale_keeps_what_is_between_free_and_occupied(tmp_path):
         (b"P5 3 3 255\n\0", None, "cut off"),
         (b"P2 2 1 255\n1 x\n", None, "cut off"),
         (b"P5 99999 99999 255\n", None, "99999 x 99999 pixels of 0 to 255; a map has"),
-        (b"P5 1 1 255\n\0", "image: m.pgm\nresolution: 0.1\n", "origin is missing; needed are"),
+        (b"P5 1 1 255\n\0", "image: m.pgm\nresolution: 0.1\n", "origin is missing; required: "),
         (b"P5 1 1 255\n\0", "rubbish", "line 1"),
         (b"P5 1 1 255\n\0", "image: m.pgm\nresolution: x\norigin: [0, 0, 0]\n", "not a number"),
         (b"P5 1 1 255\n\0", "image: m.pgm\nresolution: 0.1\norigin: [0]\n", "origin"),

@@ -28,7 +28,7 @@ def test_what_is_read_is_not_overwritten_by_the_directory(tmp_path, name):
 def test_what_is_read_is_not_overwritten_by_the_figures(tmp_path):
     log = tmp_path / "log.npz"
     log.write_text("mine")
-    with pytest.raises(InputError, match=r"--json .* would overwrite a file that is read"):
+    with pytest.raises(InputError, match=r"--json .* would overwrite an input file"):
         ReplayFiles(None, log).check(log)
 
 
