@@ -13,7 +13,7 @@ _ACCELERATION_MPS2 = 0.3
 _PACE_SHARE = 0.8  # share of the robot's speed that is assumed: turns and detours take time
 _LEAD_S = 3.0  # the goal's motion is not predicted farther ahead than this
 _LEADS = (1.0, 0.5, 0.25)  # shares of the way to the meeting; the first with enough room is used
-_OFF_M, _OFF_NS = 0.06, 400_000_000  # error of the aim that makes a plan too old, and least age
+_OFF_M, _OFF_NS = 0.06, 400_000_000  # aim error that calls for a new plan; the old one's least age
 
 
 class MovingGoal:
