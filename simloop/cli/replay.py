@@ -1,4 +1,4 @@
-"""``simloop replay``: maps or localises with a recorded log of a real robot."""
+"""``simloop replay``: map or localise with a recorded log of a real robot."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def replay(
 
     Args:
         log: The log.
-        json_file: Where the figures are written as JSON; ``-`` means stdout.
+        json_file: File for the figures as JSON; ``-`` means stdout.
         out: The directory of map, trajectory and recording.
         relations: The file of reference relations between poses of the trajectory.
         prior: The YAML file of a map to localise in.
