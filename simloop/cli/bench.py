@@ -101,8 +101,8 @@ def bench_planners(
 ) -> int:
     """Compare planners on the same tasks.
 
-    The figures are the planning time, the gap to the optimum, the share of safe paths, and which
-    differences are significant. Ctrl-C keeps what is measured by then.
+    The figures are the planning time, the gap to the optimum, the share of safe paths, and the
+    significance of the differences. Ctrl-C keeps the measurements made so far.
     \f
 
     Args:

@@ -93,10 +93,10 @@ def campaign(
     """Do many runs and judge them.
 
     Runs each scenario with each planner, each combination of sweep values and each seed. If a
-    campaign is stopped or killed, give the same command again: it goes on where it stopped.
+    campaign is stopped or killed, give the same command again: it continues where it stopped.
 
-    Exit code 0: all runs reach the goal or, with --require, all thresholds hold. 1: not so, or
-    --compare finds that something got worse. 2: wrong input. 130: stopped by Ctrl-C.
+    Exit code 0: all runs reach the goal or, with --require, all thresholds hold. 1: otherwise, or
+    if --compare finds that something got worse. 2: wrong input. 130: stopped by Ctrl-C.
     \f
 
     Each argument is the option of the same name; see its help text above.
@@ -165,7 +165,7 @@ def _campaign(
     if stopped:
         print(
             f"interrupted: {len(runs)} of {len(specs)} runs are finished and kept; "
-            "give the same command again to go on"
+            "give the same command again to continue"
         )
         sys.exit(INTERRUPTED)  # the line above replaces the general message
     _look_closer(outputs, runs, verdicts)

@@ -218,7 +218,7 @@ def certify(
 ) -> int:
     """Check the physics of the tracks against known solutions.
 
-    Exit code 0: every check holds. 1: one does not.
+    Exit code 0: every check holds. 1: at least one does not.
     \f
 
     Args:

@@ -39,7 +39,7 @@ def replay(
 ) -> int:
     """Map or localise with a recorded log of a real robot.
 
-    Ctrl-C ends the log early and keeps what was made of it by then.
+    Ctrl-C ends the log early and keeps the results so far.
     \f
 
     Args:

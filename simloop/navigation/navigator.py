@@ -34,8 +34,8 @@ from simloop.navigation.planner_world import add_predicted_movers, with_free_rim
 
 _BLOCKED_SLACK_M = 0.02  # shortfall within the map's resolution; it does not block a path
 _HOPELESS_NS = 500_000_000  # least time between replans for a blockage that cannot be avoided
-_MOVERS_M = 3.0  # with a mover nearer than this, an old plan is doubtful
-_MOVERS_NS = 600_000_000  # age from which on such a plan is too old
+_MOVERS_M = 3.0  # only a mover nearer than this makes an old plan doubtful
+_MOVERS_NS = 600_000_000  # a plan older than this counts as old
 _NEXT_M = 0.4  # distance along its path to the next place of a robot that must wait
 _NOTHING = np.empty((0, 2))
 
@@ -215,7 +215,7 @@ class Navigator:
             path = self._smoother.smooth(pending.plan, pending.view, pose)
         self.messages.append(path)
         if pending.plan.safe and not path.safe:
-            text = "the smoothed path comes nearer to something than the safety distance"
+            text = "the smoothed path is closer to an obstacle than the safety distance"
             self.messages.append(Event(estimate.t_ns, "info", text))
         return path
 
@@ -306,10 +306,10 @@ class Navigator:
         # A mover may close a way off and clear it again, so it is no reason to give the goal up.
         stands_still = now.movers is None
         if stands_still and self._feasibility.update(still, pose, goal, plan.safe):
-            text = "the goal cannot be reached: what is known closes it off"
+            text = "the goal cannot be reached: known obstacles close it off"
             self.messages.append(Event(t_ns, "warning", text))
         if not plan.safe:
-            text = "no safe path found; going on with the best"
+            text = "no safe path found; continuing with the best path"
             self.messages.append(Event(t_ns, "warning", text))
 
     def _find_way(

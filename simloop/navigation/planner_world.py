@@ -22,7 +22,7 @@ RIM_M = 0.8
 """Width of the free rim, m: room for a way around any obstacle at the edge of the grid."""
 
 
-_HORIZON_S = 4.0  # predictions farther ahead are mostly wrong
+_HORIZON_S = 4.0  # a later meeting is ignored: such predictions are mostly wrong
 _BEFORE_S, _AFTER_S = 0.3, 0.7  # time span about the meeting: the robot may be slower than expected
 _STEP_M = 0.05  # distance between the discs that represent one mover
 _GROWS_MPS = 0.05  # growth of the discs' radius with the prediction time

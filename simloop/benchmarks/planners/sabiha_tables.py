@@ -10,7 +10,7 @@ from simloop.config import PlannerConfig
 
 _PLANNERS = {"TLBO": "tlbo_paper", "GA": "ga", "PSO": "pso", "GA-PSO": "ga_pso"}
 _LEARNERS = 100
-_SETTLED = 1.001  # share of the final J below which a plan counts as settled
+_SETTLED = 1.001  # a plan is settled when J falls below this times its final value
 _SHORTEST_M = 6.1184
 
 

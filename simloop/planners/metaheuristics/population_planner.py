@@ -61,7 +61,7 @@ def read_options(rule: type[Rule], given: dict[str, Any]) -> tuple[Setup, Any]:
         default: Any = known[key]
         wanted = (int, float) if isinstance(default, float) else type(default)
         if not isinstance(value, wanted) or (isinstance(value, bool) and default is not value):
-            kind = {int: "a whole number", float: "a number", str: "a text"}[type(default)]
+            kind = {int: "a whole number", float: "a number", str: "a string"}[type(default)]
             raise ValueError(f"option {key}: must be {kind}, not {value!r}")
         if not isinstance(value, str) and not 0 <= value <= 1e6:
             raise ValueError(f"option {key}: must be between 0 and 1e6, not {value!r}")

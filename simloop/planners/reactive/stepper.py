@@ -35,7 +35,7 @@ from simloop.planners.splitmix import State
 
 BLOCKED_COST = 10.0
 """Extra cost of a heading whose step would end too close to an obstacle."""
-_PROGRESS_SHARE = 0.1  # of a step: with less progress the robot counts as stopped
+_PROGRESS_SHARE = 0.1  # less progress than this share of a step counts as a stop
 _AHEAD_STEPS = 2.0
 _OPEN_STEPS = 4.0
 _LOOP_STEPS = 20
