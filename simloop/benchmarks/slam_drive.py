@@ -1,7 +1,7 @@
 """A drive along a course by a driver that knows the true pose, with the sensor data of the drive.
 
 Plant, encoders, gyro and swept laser are the same as in every run. The driver follows the route by
-the true pose, so the drive depends on the mapper in no way.
+the true pose, so the drive does not depend on the mapper.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ _STEP_M = 0.04  # distance between the samples of a leg
 _LONG_LEG_M = 0.3  # a longer leg that passes an obstacle gets an extra waypoint there
 _TURN_M = 0.54  # cost of a turn of 1 rad, m: w2 / w1 of the planner
 _NEAR = 0.5  # price of a metre at the safe distance, relative to the preferred distance
-_TOO_NEAR = 60.0  # extra price of each metre of clearance that is missing to the safe distance
+_TOO_NEAR = 60.0  # extra price per metre by which the clearance is below the safe distance
 _STEPS_M = (0.03, 0.015, 0.0075)
 _SWEEPS = 2
 
