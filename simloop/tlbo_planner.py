@@ -1,14 +1,14 @@
 """The lead planner: teaching-learning-based optimisation of the whole path, in milliseconds.
 
-Source: Sabiha 2022 (online TLBO), Sections 3-4. One call goes from coarse to fine:
+Source: Sabiha 2022 (online TLBO), Sections 3-4. One call refines paths from coarse to fine:
 
     routes of different homotopy, and the best mixture of them
-    -> pulled taut, their bends split
-    -> a class of learners about each route that may yet win, taught by TLBO
-    -> the best learner of all
+    -> routes pulled taut, with split bends
+    -> a class of learners about each promising route, optimised by TLBO
+    -> the best learner of all classes
 
-What lies ahead of the previous plan competes as one more route, with a small bonus. The robot
-therefore keeps its way unless that is blocked or a clearly better one has opened.
+The remaining part of the previous plan competes as one more route, with a small bonus. The robot
+therefore keeps its way unless it is blocked or a clearly better one exists.
 """
 
 from __future__ import annotations
@@ -43,23 +43,23 @@ from simloop.planners.tlbo.warm import way_ahead
 _SWEEPS = 4
 _SHOWN = 12
 _HERE_M = 1e-6
-_MENDED = 2  # most routes without clearance that get a class
+_MENDED = 2  # largest number of routes without enough clearance that get a class
 _ROUTES, _ROUTES_PRECISE = 12, 24
 _LOYALTY = 0.98
-"""Below this share of the old way's cost a new one is taken."""
+"""A new way replaces the old one if it costs less than this share of it."""
 
 
 class Tuning(NamedTuple):
-    """How much work each step does: one set for a normal plan, one for ``precise``.
+    """Effort of each step: one set for a normal plan, one for ``precise``.
 
     Attributes:
-        idle: Idle generations that end TLBO.
+        idle: Number of idle generations after which TLBO stops.
         tolerance: Gain, as a share of J, below which a generation is idle.
-        budget: Most trials.
-        nodes: About how many nodes the lattice of the route search has.
-        rivals: How many routes at most get a class.
-        rival_margin: How much costlier than the best a rival may be, as a share.
-        splits: How often bends are split, see `refine`.
+        budget: Largest number of trials.
+        nodes: Approximate number of nodes in the lattice of the route search.
+        rivals: Largest number of routes that get a class because they are cheap.
+        rival_margin: Extra cost over the best route that such a route may have, as a share.
+        splits: Number of times that bends are split, see `refine`.
         least_turn: Turn below which a bend is not split, rad.
     """
 
@@ -74,19 +74,19 @@ class Tuning(NamedTuple):
 
 
 class Buffers(NamedTuple):
-    """Scratch that a planner owns; nothing in it outlives a call.
+    """Scratch arrays of a planner; they carry nothing over from one call to the next.
 
     Attributes:
         learners: The class.
         lines: The coded path.
         stack: Scratch for the clearance of segments.
         routes: (K, MAX_POINTS, 2) the routes, m.
-        counts: (K,) how many points each route has.
+        counts: (K,) number of points of each route.
         costs: (K,) J of each route.
         scratch: (2, MAX_POINTS, 2) for `settle`.
-        best: (MAX_POINTS, 2) the old way at first, the best path in the end, m.
-        shown: (., MAX_POINTS, 2) some learners' paths, to look at, m.
-        state: (1,) of the random generator.
+        best: (MAX_POINTS, 2) the old way at first, the best path at the end, m.
+        shown: (., MAX_POINTS, 2) paths of some learners, for display, m.
+        state: (1,) state of the random generator.
     """
 
     learners: Class
@@ -105,8 +105,8 @@ def make_buffers(learners: int, routes: int) -> Buffers:
     """Make the buffers of a planner.
 
     Args:
-        learners: How many learners a class has.
-        routes: How many routes are sought. There is room for three more: their best mixture, the
+        learners: Number of learners in a class.
+        routes: Largest number of routes. There is room for three more: their best mixture, the
             straight line and the old way.
 
     Returns:
@@ -129,9 +129,9 @@ def make_buffers(learners: int, routes: int) -> Buffers:
 
 @njit(cache=True)
 def _gather(p: Problem, nodes: int, warm: int, solid: bool, b: Buffers) -> int:
-    """Fill b.routes, cheapest first, with all that may be worth a class; how many.
+    """Fill b.routes with all candidates for a class, the cheapest first; return their number.
 
-    warm: how many points of the old way lie in b.best, 0 for none. solid: see `make_lattice`.
+    warm: number of points of the old way in b.best, 0 for none. solid: see `make_lattice`.
     """
     most = b.counts.size - 3
     found = find_routes(
@@ -142,7 +142,7 @@ def _gather(p: Problem, nodes: int, warm: int, solid: bool, b: Buffers) -> int:
     if m > 0:
         b.counts[found], b.costs[found] = settle(p, b.routes[found], m, _SWEEPS, b.scratch, b.stack)
         found += 1
-    # The straight line, if it is clear.
+    # The straight line, if it keeps the safe distance.
     line = b.routes[found]
     line[0, 0], line[0, 1] = p.start_x, p.start_y
     line[1, 0], line[1, 1] = p.goal_x, p.goal_y
@@ -163,10 +163,10 @@ def _gather(p: Problem, nodes: int, warm: int, solid: bool, b: Buffers) -> int:
 def _teach(
     p: Problem, tune: Tuning, k: int, least: float, b: Buffers
 ) -> tuple[float, int, int, int]:
-    """Let a class about route k learn; where it beats ``least``, its best path goes to b.best.
+    """Optimise a class about route k; if it beats ``least``, write its best path to b.best.
 
-    Returns its cost (inf where it does not), its count of points, the generations, and how many
-    learners are shown.
+    Returns its cost (inf if it does not beat ``least``), its number of points, the number of
+    generations, and the number of learners that are shown.
     """
     m = refine(p, b.routes[k], b.counts[k], tune.splits, tune.least_turn, b.stack)
     m = without_twins(b.routes[k], m)
@@ -190,7 +190,10 @@ def _teach(
 
 @njit(cache=True)
 def _deserves_class(p: Problem, k: int, least: float, b: Buffers) -> bool:
-    """Whether route k would be much cheaper than ``least`` if it did not lack clearance."""
+    """Whether route k has too little clearance but would otherwise be much cheaper than ``least``.
+
+    A class may find the missing clearance.
+    """
     length, turning = length_and_turning(b.routes[k], b.counts[k])
     plain = p.length_weight * length + p.turning_weight * turning
     unsafe = b.costs[k] > plain + 0.5 * p.penalty * LEAST_INTRUSION_M
@@ -199,11 +202,11 @@ def _deserves_class(p: Problem, k: int, least: float, b: Buffers) -> bool:
 
 @njit(cache=True)
 def _solve(p: Problem, tune: Tuning, warm: int, b: Buffers) -> tuple[int, int, int]:
-    """Plan into b.best; its count of points, the generations, and how many learners are shown.
+    """Plan into b.best; return its number of points, of generations, and of learners shown.
 
-    The cheapest routes get a class, then those that lack some clearance, because a class may find
-    it. If nothing safe is found, a finer lattice is tried in which no wall is too thin to stop the
-    wave.
+    The cheapest routes get a class, then the routes with too little clearance, because a class may
+    find it. If nothing safe is found, a finer lattice is tried, in which no wall is too thin to
+    stop the wave.
     """
     if math.hypot(p.goal_x - p.start_x, p.goal_y - p.start_y) < _HERE_M:
         b.best[0, 0], b.best[0, 1] = p.start_x, p.start_y
@@ -231,17 +234,17 @@ def _solve(p: Problem, tune: Tuning, warm: int, b: Buffers) -> tuple[int, int, i
 
 @njit(cache=True)
 def _show(p: Problem, b: Buffers, free: int, m: int) -> int:
-    """Write the paths of some learners into b.shown, to look at; how many."""
+    """Write the paths of some learners into b.shown, for display; return their number."""
     for k in range(min(_SHOWN, b.learners.cost.size)):
         decode(p, b.lines, b.learners.subject[k], free, m, b.shown[k])
     return min(_SHOWN, b.learners.cost.size)
 
 
 def _tuning(config: PlannerConfig) -> Tuning:
-    """The work for a config.
+    """Choose the effort that a config allows.
 
-    A normal plan has little time: it waits for a fifteenth of the idle generations, ``precise``
-    for a third, and it tries fewer and coarser routes.
+    A normal plan has little time: it allows a fifteenth of the idle generations, ``precise`` a
+    third. It also tries fewer and coarser routes.
     """
     idle, budget = config.idle_generations, config.max_evaluations
     if config.precise:
@@ -250,7 +253,7 @@ def _tuning(config: PlannerConfig) -> Tuning:
 
 
 class TlboPlanner:
-    """The lead planner; it follows `simloop.planners.protocol.Planner`."""
+    """The lead planner; it implements `simloop.planners.protocol.Planner`."""
 
     name = "tlbo"
 
@@ -265,7 +268,7 @@ class TlboPlanner:
         """Plan a path for a task.
 
         Args:
-            task: Where to plan. If the start is too close to something: see `make_problem`.
+            task: The task. For a start that is too close to an obstacle see `make_problem`.
             rng: The only source of randomness; one number is drawn.
 
         Returns:
@@ -287,9 +290,9 @@ class TlboPlanner:
         )
 
     def _warm(self, problem: Problem, previous: Plan | None) -> int:
-        """Put what lies ahead of the previous plan into b.best.
+        """Put the remaining part of the previous plan into b.best.
 
-        Returns how many points it has: 0 if it is no longer safe or leads elsewhere.
+        Returns its number of points: 0 if it is no longer safe or leads elsewhere.
         """
         path = way_ahead(problem, previous)
         if path is None or len(path) > MAX_POINTS - 1:

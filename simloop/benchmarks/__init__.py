@@ -1,4 +1,4 @@
-"""Measurements of the software: speed of the loop, planners, mapper, handling of faults.
+"""Benchmarks: speed of the loop, planners, mapper, handling of faults.
 
-Nothing here takes part in a decision of the robot.
+The robot never uses these measurements in a decision.
 """

@@ -1,7 +1,7 @@
 """Fault injection: does the robot recover, or report that it is lost and stop?
 
-Each fault is tried in many runs. A run fails if the robot touches something, or drives with a
-wrong pose estimate for longer than it can possibly notice without reporting it.
+Each fault is tried in many runs. A run fails if the robot touches an obstacle. It also fails if the
+robot drives with a wrong pose estimate without a report for longer than it needs to notice it.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from simloop.scenario.load import load
 
 _SCENARIO = "faults"
 MOST_UNSAID_S = 0.25
-"""Longest time that the pose may be wrong without a report, s: a scan must arrive and be rejected,
-which takes two turns of the LiDAR and a little."""
+"""Longest time that the pose may be wrong without a report, s. A scan must arrive and be rejected;
+this takes a little more than two turns of the LiDAR."""
 
 
 class FaultCase(NamedTuple):
-    """A fault and what the robot is expected to do.
+    """A fault and the expected reaction of the robot.
 
     Attributes:
         spec: The fault as an entry of a scenario's ``faults``, in TOML; empty for none.
@@ -69,7 +69,7 @@ FAULTS: dict[str, FaultCase] = {
         "reports that it is lost, relocalises; arrives",
     ),
 }
-"""Name of a fault -> what goes wrong and what the robot is expected to do."""
+"""Name of a fault -> the fault and the expected reaction of the robot."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +110,7 @@ def run_trial(fault: str, seed: int) -> Trial:
         seed: Seed of the run.
 
     Returns:
-        What came of it.
+        The result of the run.
     """
     result = Simulation(load(_SCENARIO, [f"faults=[{FAULTS[fault].spec}]"], seed=seed)).run()
     m = result.metrics
@@ -129,7 +129,7 @@ def run(seeds: int, report: Callable[[str, int], None]) -> Iterator[Trial]:
     """Run every fault several times.
 
     Args:
-        seeds: Runs of each fault, with the seeds from 0 on.
+        seeds: Number of runs for each fault, with the seeds from 0 on.
         report: Called with the fault and the seed before each run.
 
     Yields:
@@ -169,8 +169,8 @@ def print_figures(console: Console, found: dict[str, Any]) -> None:
     """Print the figures as a table with one row for each fault.
 
     Args:
-        console: Where to print.
-        found: What `figures` returned.
+        console: Console to print to.
+        found: The figures from `figures`.
     """
     rows = [
         [

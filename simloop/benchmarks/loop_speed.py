@@ -1,7 +1,7 @@
-"""Speed of the closed loop: against the clock, against its own physics, and by stage.
+"""Speed of the closed loop: relative to real time, relative to its physics alone, and by stage.
 
-Each figure is the best of a few repeats in one process, because other work of the machine can only
-make it slower. No figure is ever used in a decision.
+Each figure is the best of a few repeats in one process, because other work on the machine can only
+slow it down. The robot never uses these figures in a decision.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ def run(
 
     Args:
         scenario: The scenario to run.
-        repeats: How often each measurement is repeated; the best counts.
-        report: Called with the name and the number of each kernel that is compiled first, see
-            `simloop.loop.warm_up`.
+        repeats: Number of repeats of each measurement; the best counts.
+        report: Function that is called with the name and the number of each kernel before it is
+            compiled, see `simloop.loop.warm_up`.
 
     Returns:
         What ``simloop bench loop --json`` writes; `_FIGURES` explains the main figures.
@@ -89,8 +89,8 @@ def print_figures(console: Console, figures: dict[str, Any]) -> None:
     """Print two tables: the loop as a whole, then its stages by their share of the time.
 
     Args:
-        console: Where to print.
-        figures: What `run` returned.
+        console: Console to print to.
+        figures: The figures from `run`.
     """
     name = f"{figures['scenario']}, seed {figures['seed']}, on {figures['machine']['cpu']}"
     rows = [[key, form.format(figures[key]), what] for key, form, what in _FIGURES]
@@ -105,7 +105,7 @@ def print_figures(console: Console, figures: dict[str, Any]) -> None:
 
 
 def _closed_loop(scenario: Scenario, world: World) -> dict[str, Any]:
-    """One run without recording; logging the voltages by reference costs next to nothing."""
+    """Run once without recording; logging the voltages by reference costs almost nothing."""
     profiler, log = Profiler(), _VoltageLog()
     simulation = Simulation(scenario, listeners=[log], profiler=profiler, world=world)
     gc.collect()
@@ -123,7 +123,7 @@ def _closed_loop(scenario: Scenario, world: World) -> dict[str, Any]:
 
 
 class _VoltageLog:
-    """A listener that keeps the voltages (2,), V, of every control period, in order."""
+    """A listener that stores the voltages (2,), V, of every control period, in order."""
 
     def __init__(self) -> None:
         self.voltages: list[FloatArray] = []
@@ -134,7 +134,7 @@ class _VoltageLog:
 
 
 def _plant_alone(scenario: Scenario, world: World, voltages: list[FloatArray]) -> float:
-    """Wall time of the plant with the same voltages as in the loop, so along the same path, s."""
+    """Measure the wall time, s, of the plant alone with the loop's voltages (so the same path)."""
     plant = Plant(world.model, scenario.config)
     plant.reset(np.array(scenario.start))
     gc.collect()
@@ -147,7 +147,7 @@ def _plant_alone(scenario: Scenario, world: World, voltages: list[FloatArray]) -
 
 
 def _recorded(scenario: Scenario, world: World) -> float:
-    """Wall time of the loop with a recording to a file, including closing the file, s."""
+    """Measure the wall time, s, of the loop with a recording to a file, closing it included."""
     with tempfile.TemporaryDirectory() as directory:
         recorder = recorder_for(Path(directory) / "bench.rrd", scenario, world)
         simulation = Simulation(scenario, [recorder.offer], world=world)
@@ -155,14 +155,14 @@ def _recorded(scenario: Scenario, world: World) -> float:
         began = perf_counter()
         result = simulation.run()
         run_s = result.metrics["wall_time_s"]
-        # The run's own metrics (shortest path and so on) count neither here nor without recording.
+        # The run's own metrics (shortest path etc.) are not counted, with or without recording.
         closing = perf_counter()
         recorder.close()
         return min(run_s, closing - began) + perf_counter() - closing
 
 
 def _scan_us(scenario: Scenario, world: World) -> float:
-    """Median time of one LiDAR turn: all sweeps within one scan period together, us."""
+    """Measure the median time of one LiDAR turn, us: all sweeps within one scan period."""
     config = scenario.config
     plant = Plant(world.model, config)
     before = plant.reset(np.array(scenario.start))

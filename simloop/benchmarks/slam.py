@@ -1,8 +1,9 @@
-"""Accuracy and speed of the graph mapper on simulated courses, where the truth is known.
+"""Accuracy and speed of the graph mapper on simulated courses with known truth.
 
-Trajectories are compared by evo (Grupp 2017): the absolute trajectory error (ATE) after the best
-rigid alignment (Sturm et al. 2012) and without alignment, from the common start, and the relative
-pose error (RPE) over one metre of path. No figure is ever used in a decision.
+evo (Grupp 2017) compares the trajectories. The absolute trajectory error (ATE) is computed after
+the best rigid alignment (Sturm et al. 2012), and without alignment from the common start. The
+relative pose error (RPE) is computed over one metre of path. The robot never uses these figures in
+a decision.
 """
 
 from __future__ import annotations
@@ -57,9 +58,9 @@ def run(
 
     Args:
         names: Courses, keys of `COURSES`; empty: all.
-        seeds: Seeds of course and sensors; every course is driven with each.
+        seeds: Seeds of course and sensors; every course is driven with each seed.
         progress: Called before each drive with the course and the number of finished drives.
-        report: Called with the name and the number of each kernel that is compiled first.
+        report: Called with the name and the number of each kernel before it is compiled.
 
     Returns:
         What ``simloop bench slam --json`` writes.
@@ -90,9 +91,9 @@ def run(
 def summarise(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Summarise each course over its seeds: worst errors, and consistency of the covariances.
 
-    ``nees_mean`` is the mean of the runs' means. ``nees_band`` contains, with 95 % probability, the
-    mean of that many independent errors with three degrees of freedom, if the covariances are
-    right (Bar-Shalom et al. 2001, Sec. 5.4).
+    ``nees_mean`` is the mean of the runs' means. If the covariances are right, ``nees_band``
+    contains with 95 % probability the mean of that many independent errors with three degrees of
+    freedom (Bar-Shalom et al. 2001, Sec. 5.4).
 
     Args:
         rows: Figures of single drives, see `measure`, with ``course``.
@@ -172,10 +173,10 @@ def measure(driven: Drive) -> dict[str, Any]:
 
 
 def nees(mapper: GraphMapper, truth: FloatArray) -> float:
-    """Normalised estimation error squared: mean over the keyframes of e' P^-1 e.
+    """Compute the normalised estimation error squared: mean over the keyframes of e' P^-1 e.
 
-    P is the graph's own covariance; the mean is 3 if P is right. The first keyframe, which is
-    fixed, is left out.
+    P is the graph's own covariance; the mean is 3 if P is right. The first keyframe is fixed and
+    therefore left out.
 
     Args:
         mapper: The mapper after the drive.
@@ -220,12 +221,12 @@ def map_quality(grid: GridMap, floor: FloorPlan) -> tuple[float, float]:
 
 
 def _from_start(start: FloatArray, odometry: FloatArray) -> FloatArray:
-    """Odometry poses (n, 3) in the map frame, with the first one at ``start`` (3,)."""
+    """Compute odometry poses (n, 3) in the map frame, with the first one at ``start`` (3,)."""
     return np.array([compose(start, between(odometry[0], pose)) for pose in odometry])
 
 
 def _evo() -> tuple[Any, Any]:
-    """evo's modules for metrics and trajectories; InputError if evo is not installed."""
+    """Import evo's modules for metrics and trajectories; raise InputError if it is missing."""
     try:
         from evo.core import metrics, trajectory
     except ImportError:
@@ -234,7 +235,7 @@ def _evo() -> tuple[Any, Any]:
 
 
 def _evo_errors(truth: FloatArray, found: FloatArray) -> tuple[float, float]:
-    """ATE after alignment, and RPE over one metre of path, both RMS, m; poses (n, 3)."""
+    """Compute ATE after alignment and RPE over one metre of path, both RMS, m; poses (n, 3)."""
     metrics, trajectory = _evo()
 
     def path(poses: FloatArray) -> Any:
@@ -260,8 +261,8 @@ def print_figures(console: Console, figures: dict[str, Any]) -> None:
     """Print a table with one row for each drive, then one with a row for each course.
 
     Args:
-        console: Where to print.
-        figures: What `run` returned.
+        console: Console to print to.
+        figures: The figures from `run`.
     """
     rows = [
         [row["course"], str(row["seed"]), *(f"{row[key]:.4g}" for key in _COLUMNS)]

@@ -1,7 +1,7 @@
-"""Courses on which the mapper is measured: an arena and the route that the robot is driven.
+"""Courses for measuring the mapper: an arena and the route along which the robot is driven.
 
 Each course is drawn from a seed. Walls are boxes 0.2 m thick. The route is a chain of straight
-segments that keeps clear of everything.
+segments that keeps clear of all obstacles.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from simloop.messages import FloatArray
 
 _WALL_M = 0.2
 _HEIGHT_M = 0.5
-_CLEAR_M = 0.65  # between the route and an obstacle's circumscribed circle
+_CLEAR_M = 0.65  # distance between the route and an obstacle's circumscribed circle
 _DOOR_M = 1.5
 Box = tuple[float, float, float, float]
 """x, y of the centre, size along x, size along y, m, map frame."""
@@ -64,7 +64,7 @@ class Course:
 
 
 def _walls(x0: float, y0: float, x1: float, y1: float) -> list[Box]:
-    """Four walls whose inner faces lie on this rectangle, m."""
+    """Make four walls whose inner faces lie on this rectangle, m."""
     x, y, w = 0.5 * (x0 + x1), 0.5 * (y0 + y1), _WALL_M
     return [
         (x, y0 - 0.5 * w, x1 - x0 + 2 * w, w),
@@ -77,7 +77,7 @@ def _walls(x0: float, y0: float, x1: float, y1: float) -> list[Box]:
 def _obstacles(
     rng: np.random.Generator, bounds: Box, route: FloatArray, count: int, tries: int = 400
 ) -> list[Box]:
-    """Boxes with sides of 0.2 to 0.9 m that keep clear of the route."""
+    """Draw boxes with sides of 0.2 to 0.9 m that keep clear of the route."""
     found: list[Box] = []
     for _ in range(tries):
         if len(found) == count:
@@ -90,7 +90,7 @@ def _obstacles(
 
 
 def _distance_to_route(point: FloatArray, route: FloatArray) -> float:
-    """Distance from a point (2,) to a polyline (n, 2), m."""
+    """Compute the distance from a point (2,) to a polyline (n, 2), m."""
     best = math.inf
     for a, b in pairwise(route):
         along = b - a
@@ -100,10 +100,10 @@ def _distance_to_route(point: FloatArray, route: FloatArray) -> float:
 
 
 def room(rng: np.random.Generator) -> Course:
-    """A room of 8 m x 8 m with obstacles, driven round three times.
+    """Make a room of 8 m x 8 m with obstacles; the route goes round it three times.
 
     Args:
-        rng: Source of the obstacles.
+        rng: Random generator for the obstacles.
 
     Returns:
         The course.
@@ -115,10 +115,10 @@ def room(rng: np.random.Generator) -> Course:
 
 
 def ice(rng: np.random.Generator) -> Course:
-    """The course `room` with four slippery patches, one under each side of the route.
+    """Make the course `room` with four slippery patches, one under each side of the route.
 
     Args:
-        rng: Source of the obstacles.
+        rng: Random generator for the obstacles.
 
     Returns:
         The course.
@@ -132,12 +132,12 @@ def ice(rng: np.random.Generator) -> Course:
 
 
 def corridor(rng: np.random.Generator) -> Course:
-    """A corridor of 30 m x 2 m with a pillar every three metres, driven there and back.
+    """Make a corridor of 30 m x 2 m with pillars every three metres, driven there and back.
 
-    The laser's range is 12 m, so that neither end is in sight from the middle.
+    The laser's range is 12 m, so neither end is visible from the middle.
 
     Args:
-        rng: Source of the pillars.
+        rng: Random generator for the pillars.
 
     Returns:
         The course.
@@ -149,7 +149,7 @@ def corridor(rng: np.random.Generator) -> Course:
 
 
 def _pillars(rng: np.random.Generator, places: FloatArray) -> list[Box]:
-    """Pillars at the sides of a corridor of 2 m along +x, near these positions along it, m."""
+    """Place pillars at the sides of a 2 m wide corridor along +x, near these positions, m."""
     sides = rng.choice([-1.0, 1.0], len(places))
     sizes = rng.uniform(0.15, 0.3, len(places))
     off = rng.uniform(-0.8, 0.8, len(places))
@@ -160,10 +160,10 @@ def _pillars(rng: np.random.Generator, places: FloatArray) -> list[Box]:
 
 
 def loop(rng: np.random.Generator) -> Course:
-    """A ring of corridors, 60 m long and 2 m wide, driven round once and 6 m more.
+    """Make a ring of corridors, 60 m long and 2 m wide; the route goes round once and 6 m more.
 
     Args:
-        rng: Source of the pillars.
+        rng: Random generator for the pillars.
 
     Returns:
         The course.
@@ -174,7 +174,7 @@ def loop(rng: np.random.Generator) -> Course:
     ring = half * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     route = np.vstack([[0.0, -half], ring[1:], ring[0], [6.0, -half]])
     boxes = [*_walls(*bounds), (0.0, 0.0, 2.0 * inner, 2.0 * inner)]
-    # The pillars of the lower corridor, rotated by quarter turns onto the four sides.
+    # Quarter turns rotate the pillars of the lower corridor onto the four sides.
     for side in range(4):
         turn = 0.5 * math.pi * side
         for x, y, dx, dy in _pillars(rng, np.arange(-5.5, 6.0, 2.75)):
@@ -186,10 +186,10 @@ def loop(rng: np.random.Generator) -> Course:
 
 
 def office(rng: np.random.Generator) -> Course:
-    """An office of 20 m x 20 m: sixteen rooms with doors along a random tree, all visited.
+    """Make an office of 20 m x 20 m: sixteen rooms with doors along a random tree, all visited.
 
     Args:
-        rng: Source of the doors and the obstacles.
+        rng: Random generator for the doors and the obstacles.
 
     Returns:
         The course.
@@ -224,7 +224,7 @@ _Room = tuple[int, int]
 def _tree(
     rng: np.random.Generator, count: int
 ) -> tuple[dict[frozenset[_Room], FloatArray], list[_Room]]:
-    """Doors of a random spanning tree, in room sizes, and a sequence that visits every room."""
+    """Draw a random spanning tree: its doors, in room sizes, and a sequence through all rooms."""
     doors: dict[frozenset[_Room], FloatArray] = {}
     start = (0, 0)
     visits, stack, seen = [start], [start], {start}  # depth-first search
@@ -235,7 +235,7 @@ def _tree(
             for di, dj in ((1, 0), (0, 1), (-1, 0), (0, -1))
             if 0 <= i + di < count and 0 <= j + dj < count and (i + di, j + dj) not in seen
         ]
-        if not options:  # back to the room before
+        if not options:  # back to the previous room
             stack.pop()
             if stack:
                 visits.append(stack[-1])
@@ -253,7 +253,7 @@ def _tree(
 def _wall_between(
     a: _Room, b: _Room, door: FloatArray | None, size: float, half: float
 ) -> list[Box]:
-    """The wall between two rooms, with a gap at the door if there is one."""
+    """Make the wall between two rooms, with a gap at the door if there is one."""
     across = 0 if a[0] != b[0] else 1
     along = 1 - across
     at = b[across] * size - half

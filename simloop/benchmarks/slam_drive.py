@@ -1,7 +1,7 @@
-"""A drive along a course by a driver who knows the true pose, with the sensor data of the drive.
+"""A drive along a course by a driver that knows the true pose, with the sensor data of the drive.
 
-Plant, encoders, gyro and swept laser are those of every run. The driver follows the route by the
-true pose, so that only the mapper is measured afterwards.
+Plant, encoders, gyro and swept laser are the same as in every run. The driver follows the route by
+the true pose, so the drive does not depend on the mapper.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from simloop.worlds.floor_plan import FloorPlan
 
 _SPEED_MPS, _MOST_RATE_RADPS = 0.4, 0.8
 _LOOKAHEAD_M, _NEAR_M = 0.5, 0.25
-# Tracks slip when turning: they need a larger difference of speed than wheels would.
+# Tracks slip when turning, so they need a larger difference of speed than wheels.
 _GAUGE_RATIO = 1.25
 _HEADING_GAIN_1PS = 2.5
-_STOP_OFF_RAD = 0.7  # heading error at which the driver turns on the spot
+_STOP_OFF_RAD = 0.7  # heading error above which the driver turns on the spot
 _SPIN_GAIN = 3.0  # V per rad/s
 _LIMIT_S = 1800.0
-_STILL_S = 1.0  # at rest at the start, to estimate the gyro's bias
+_STILL_S = 1.0  # time at rest at the start, to estimate the gyro's bias
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +46,7 @@ class Drive:
         truth: (n, 3) true x, y, yaw at the end of each scan, m and rad, map frame.
         laser: (3,) mounting pose of the laser in base_link, m and rad.
         floor: The true floor plan.
-        done: Whether the route was driven to its end.
+        done: Whether the drive reached the end of the route.
     """
 
     scans: list[LidarScan]
@@ -103,13 +103,13 @@ class _Driver:
         self.done = False
 
     def voltage(self, truth: Truth) -> FloatArray:
-        """Voltage for one control period.
+        """Compute the voltages for one control period.
 
         Args:
             truth: The true state of the robot.
 
         Returns:
-            (2,) voltage of the left and the right motor, V.
+            (2,) voltages of the left and the right motor, V.
         """
         if truth.t_ns < _STILL_S * 1e9:
             return np.zeros(2)
@@ -126,13 +126,13 @@ class _Driver:
         half = 0.5 * self._config.vehicle.gauge_m * _GAUGE_RATIO * rate
         radius, motor = self._config.vehicle.sprocket_radius_m, self._config.motor
         spin = np.array([speed - half, speed + half]) / radius
-        # Back EMF as feedforward plus a proportional speed loop.
+        # Feedforward of the back EMF plus a proportional speed loop.
         error = spin - truth.sprocket_radps
         volts = motor.back_emf_v_per_radps * spin + _SPIN_GAIN * error
         return np.clip(volts, -motor.supply_v, motor.supply_v)
 
     def _target(self, pose: FloatArray) -> FloatArray:
-        """The point (2,) one look-ahead distance on, on the segment to the next corner, m."""
+        """Find the point (2,), m, one look-ahead distance on, on the segment to the next corner."""
         a, b = self._route[self._next - 1], self._route[self._next]
         along = (b - a) / math.dist(a, b)
         at = float(np.clip((pose[:2] - a) @ along + _LOOKAHEAD_M, 0.0, math.dist(a, b)))
@@ -140,7 +140,7 @@ class _Driver:
 
 
 class _GyroOdometry:
-    """Dead reckoning: distance by the tracks, turn by the gyro, its bias from the time at rest."""
+    """Dead reckoning: distance from the tracks, turn from the gyro, bias from the time at rest."""
 
     def __init__(self, config: Config) -> None:
         turn_m = 2.0 * math.pi * config.vehicle.sprocket_radius_m
@@ -156,7 +156,7 @@ class _GyroOdometry:
         """Integrate one control period.
 
         Args:
-            reading: The encoders' counts at its end.
+            reading: The encoders' counts at the end of the period.
             rate_radps: The gyro's yaw rate, rad/s.
         """
         last, self._last = self._last or reading, reading
@@ -173,7 +173,7 @@ class _GyroOdometry:
         self._poses.append(self._pose)
 
     def trail(self, scan: LidarScan) -> tuple[np.ndarray, FloatArray]:
-        """The poses over a scan's sweep; older ones are forgotten.
+        """Return the poses over a scan's sweep, and drop older ones.
 
         Args:
             scan: The scan; its sweep ends now.

@@ -1,4 +1,4 @@
-"""Draws the charts of a campaign's report: success rates, and how the figures are distributed."""
+"""Draw the charts of a campaign's report: success rates, and distributions of the figures."""
 
 from __future__ import annotations
 

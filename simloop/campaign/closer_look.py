@@ -1,7 +1,7 @@
-"""Repeats failed and slow runs to record them or to draw pictures of them.
+"""Repeat failed and slow runs to record them or to draw pictures of them.
 
-A run is the same whether it is recorded or not. So a campaign records nothing while it runs, and
-repeats only the runs that somebody will look at.
+A run is the same whether it is recorded or not. A campaign therefore records nothing while it runs,
+and later repeats only the runs that need a closer look.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def failures(runs: Sequence[Done], most: int) -> list[Done]:
 
     Args:
         runs: All runs.
-        most: The greatest number of runs to choose.
+        most: Largest number of runs to choose.
 
     Returns:
         The first of them. Runs with the outcome ``error`` are left out: they cannot be repeated.
@@ -36,7 +36,7 @@ def worst(runs: Sequence[Done], most: int) -> list[Done]:
 
     Args:
         runs: All runs.
-        most: The greatest number of runs to choose.
+        most: Largest number of runs to choose.
 
     Returns:
         The failed runs first, then the successful runs that took longest.
@@ -50,8 +50,8 @@ def record(runs: Sequence[Done], folder: Path) -> Iterator[Path]:
 
     Args:
         runs: The runs.
-        folder: Where the recordings go; it is made if it does not exist. A recording that is
-            there already is kept.
+        folder: Folder of the recordings; it is created if it does not exist. A recording that
+            already exists is kept.
 
     Yields:
         The file of each recording.
@@ -81,7 +81,7 @@ def picture(spec: RunSpec, folder: Path) -> Path | None:
 
     Args:
         spec: The run.
-        folder: Where the pictures go.
+        folder: Folder of the pictures.
 
     Returns:
         The contact sheet's file, or None if this machine cannot draw it.

@@ -1,4 +1,4 @@
-"""Compares two campaigns and says what got significantly better or worse.
+"""Compare two campaigns and tell what got significantly better or worse.
 
 Runs are paired by scenario, planner, sweep and seed. Success is compared by McNemar's exact test.
 Figures are compared by Wilcoxon's signed-rank test over the pairs in which both runs reached the
@@ -26,7 +26,7 @@ _MORE_IS_BETTER = ("success", "min_clearance_m")
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """How one figure differs in one cell.
+    """Difference of one figure in one cell.
 
     Attributes:
         cell: Scenario, planner and sweep.
@@ -57,7 +57,7 @@ def compare(before: Sequence[Row], after: Sequence[Row]) -> list[Change]:
         after: The rows of the second campaign.
 
     Returns:
-        One change for each cell and figure, also for those that are the same.
+        One change for each cell and figure, including those with the verdict ``same``.
 
     Raises:
         InputError: If the two campaigns have no run in common.
@@ -96,8 +96,8 @@ _Raw = tuple[Cell, str, int, float, float, float]
 
 
 def _of_cell(cell: Cell, pairs: Sequence[tuple[Row, Row]]) -> list[_Raw]:
-    """Cell, figure, pairs, mean before, mean after and p, for each figure."""
-    # McNemar's exact test: of the pairs that differ, is each direction equally likely?
+    """Compute cell, figure, pairs, mean before, mean after and p, for each figure."""
+    # McNemar's exact test: among the pairs that differ, is each direction equally likely?
     won = sum(new["success"] and not old["success"] for old, new in pairs)
     lost = sum(old["success"] and not new["success"] for old, new in pairs)
     p = float(binomtest(won, won + lost).pvalue) if won + lost else 1.0

@@ -1,4 +1,4 @@
-"""Does the runs of a campaign: on processes of this machine, or on a Dask cluster."""
+"""Run the runs of a campaign, on processes of this machine or on a Dask cluster."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from simloop.common.pool import Workers
 
 @contextmanager
 def dask_cluster(address: str) -> Iterator[Workers]:
-    """Connect to a Dask cluster for the time of the context.
+    """Connect to a Dask cluster for the duration of the context.
 
     Args:
         address: The address of the Dask scheduler, e.g. ``tcp://10.0.0.1:8786``.
 
     Yields:
-        The cluster's workers. It does a run in each thread of its workers.
+        The cluster's workers. Each of their threads does one run at a time.
 
     Raises:
         InputError: If Dask is not installed, the scheduler does not answer, or the cluster has no
@@ -43,7 +43,7 @@ def dask_cluster(address: str) -> Iterator[Workers]:
         if not threads:
             raise InputError(f"--dask {address}: the cluster has no workers")
         yield Workers(
-            # Not pure: a run that is tried again must be a new task, not the failed one.
+            # Not pure: a repeated run must be a new task, not the failed one.
             lambda: client.get_executor(pure=False),
             threads,
             (BrokenExecutor, KilledWorker),
@@ -56,17 +56,17 @@ def run_all(
     stop: Callable[[], bool] = lambda: False,
     work: Callable[[RunSpec], Row] = do_run,
 ) -> Generator[tuple[RunSpec, Row], None, None]:
-    """Do the runs and give each row as soon as its run is finished.
+    """Do the runs and yield each row as soon as its run is finished.
 
-    A run whose worker process dies is tried once more alone. If the worker dies again, the run
+    A run whose worker process dies is tried once more, alone. If the worker dies again, the run
     gets a row with the outcome ``error``.
 
     Args:
         specs: The runs.
-        workers: Where the runs are done.
-        stop: Asked several times a second. Once it returns True, no further run is begun; the
-            runs that have begun are finished.
-        work: Makes the row of a run.
+        workers: The workers that do the runs.
+        stop: Called several times a second. Once it returns True, no further run starts; the runs
+            that have started are finished.
+        work: Function that makes the row of a run.
 
     Returns:
         A generator of pairs of a run and its row, in the order in which they are finished. Closing

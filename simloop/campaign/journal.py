@@ -1,8 +1,8 @@
-"""Keeps a campaign's folder: the request, and every finished run as soon as it is finished.
+"""Journal: a campaign's folder with the request and every finished run.
 
 campaign.json     the request
-journal.jsonl     one line for each finished run, on the disk before the next run counts; a line
-                  that a kill cut off is dropped, and its run is done again
+journal.jsonl     one line for each finished run, written to disk before the next run counts; a line
+                  that a kill cut off is dropped, and its run is repeated
 results.parquet   all rows in the order of the request, written when the campaign stops
 """
 
@@ -23,7 +23,7 @@ from simloop.common.files import check_directory, write_bytes, write_text
 
 
 class Journal:
-    """The finished runs of a campaign. Use it as a context; only one process may hold a folder.
+    """The finished runs of a campaign. Use it as a context; only one process may open a folder.
 
     Attributes:
         rows: The row of each finished run, by ``RunSpec.key``.
@@ -41,7 +41,7 @@ class Journal:
         self._file: IO[bytes] | None = None
 
     def __enter__(self) -> Journal:
-        """Lock the folder, and read which runs are finished.
+        """Lock the folder and read the finished runs.
 
         Raises:
             InputError: If the folder cannot be written, another process is using it, it holds
@@ -76,7 +76,7 @@ class Journal:
             self._file = None
 
     def add(self, spec: RunSpec, row: Row) -> None:
-        """Keep a finished run. Once this returns, the run is on the disk and cannot be lost.
+        """Add a finished run. Once this returns, the run is on the disk and cannot be lost.
 
         Args:
             spec: The run.
@@ -114,7 +114,7 @@ class Journal:
         whole = 0
         for line in file:
             if not line.endswith(b"\n"):
-                break  # cut off by a kill: this run is done again
+                break  # cut off by a kill: this run is repeated
             try:
                 entry = json.loads(line)
                 self.rows[entry["key"]] = entry["row"]
@@ -140,7 +140,7 @@ class Journal:
 
 
 def write_results(folder: Path, rows: Sequence[Row]) -> Path:
-    """Write ``results.parquet``. An interruption leaves the whole file or none.
+    """Write ``results.parquet``. After an interruption, the file is either complete or missing.
 
     Args:
         folder: The campaign's folder.

@@ -1,4 +1,4 @@
-"""Writes the verdict of a campaign as JUnit XML, which continuous integration servers show."""
+"""Write the verdict of a campaign as JUnit XML, the format of continuous integration servers."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ class SimloopRun:
     Attributes:
         spec: The run's description.
         metrics: All its figures, as ``simloop run --json`` writes them.
-        folder: Where a recording goes if an assertion fails.
+        folder: Folder of the recording if an assertion fails.
     """
 
     spec: RunSpec
@@ -45,13 +45,13 @@ class SimloopRun:
         """Check that the robot reached the goal.
 
         Args:
-            within_s: The most simulated time that it may have taken, s. None: no limit.
-            path_ratio: The greatest length of its path, as a multiple of the shortest safe path.
+            within_s: Largest simulated time allowed, s. None: no limit.
+            path_ratio: Largest length of its path, as a multiple of the shortest safe path.
                 None: no limit.
 
         Raises:
-            AssertionError: If it did not. The message says what happened, which command repeats
-                the run and where the run is recorded.
+            AssertionError: If it did not. The message tells what happened, the command that
+                repeats the run, and the file of its recording.
         """
         __tracebackhide__ = True
         wrong = self._wrong(within_s, path_ratio)
@@ -81,7 +81,7 @@ class SimloopRun:
 
 @pytest.fixture
 def simloop_run(tmp_path: Path) -> Callable[..., SimloopRun]:
-    """Give a function that runs a scenario.
+    """Return a function that runs a scenario.
 
     Args:
         tmp_path: pytest's directory for this test.

@@ -1,4 +1,4 @@
-"""Writes a campaign's report: one HTML page with all its pictures inside."""
+"""Write a campaign's report: one HTML page that contains all its pictures."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def write(folder: Path, runs: Sequence[tuple[RunSpec, Row]], verdicts: Sequence[
     """Draw pictures of the worst runs and write ``report.html``.
 
     Args:
-        folder: Where the report goes.
+        folder: Folder of the report.
         runs: Each run with its row.
         verdicts: The verdicts on these runs.
 
@@ -106,7 +106,7 @@ def _pictures(runs: Sequence[tuple[RunSpec, Row]]) -> list[tuple[RunSpec, Row, s
 
 
 def _as_jpeg(sheet: Path) -> str:
-    """A JPEG has a tenth of the PNG's bytes and looks the same on the page."""
+    """Convert a contact sheet to JPEG, a tenth of the PNG's size with the same look on the page."""
     import cv2
 
     image = cv2.imread(str(sheet))

@@ -1,4 +1,4 @@
-"""Describes what a campaign runs: the request, and the single runs that it stands for."""
+"""Description of a campaign: the request, and the single runs that it contains."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from simloop.scenario.load import load
 from simloop.scenario.scenario import Scenario
 
 Cell = tuple[str, str, str]
-"""Scenario, planner and sweep: what the runs with different seeds have in common."""
+"""Scenario, planner and sweep: the common properties of runs with different seeds."""
 
 _MOST_RUNS = 1_000_000
 _MOST_STEPS = 10_000
@@ -43,7 +43,7 @@ class RunSpec:
 
     @property
     def key(self) -> str:
-        """A text in one line that no other run has."""
+        """One line of text that identifies the run."""
         return json.dumps(list(asdict(self).values()))
 
     @property
@@ -64,7 +64,7 @@ class RunSpec:
         return load(self.scenario, every, seed=self.seed, planner=self.planner)
 
     def command(self) -> str:
-        """Give the command that does this run alone.
+        """Format the command that does this run alone.
 
         Returns:
             A line for the shell.
@@ -76,11 +76,11 @@ class RunSpec:
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """All that a campaign shall run: every combination of what is named here.
+    """All runs of a campaign: every combination of the values named here.
 
     Attributes:
         scenarios: Names or files of scenarios.
-        seeds: The first seed, and the one after the last.
+        seeds: The first seed, and the seed after the last.
         planners: Planners' names. Empty: each scenario's own.
         overrides: ``key=value`` for all runs.
         sweeps: ``key=v1,v2,...`` or ``key=first:last:step``.
@@ -123,13 +123,13 @@ class Request:
             spec.load()
 
     def extends(self, other: dict[str, Any]) -> bool:
-        """Tell whether this request differs from a saved one in its seeds only.
+        """Tell whether this request differs from a saved one only in its seeds.
 
         Args:
-            other: The saved request, as ``to_table`` gives it.
+            other: The saved request, in the form of ``to_table``.
 
         Returns:
-            True if all else is the same.
+            True if everything else is the same.
         """
         mine = self.to_table()
         return {**mine, "seeds": None} == {**other, "seeds": None}

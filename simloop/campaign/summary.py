@@ -1,4 +1,4 @@
-"""Sums up the rows of a campaign cell by cell: success rates with intervals, figures' spread."""
+"""Summarise the rows of a campaign by cell: success rates with intervals, spread of the figures."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from simloop.campaign.spec import Cell
 from simloop.campaign.work import Row
 
 FIGURES = ("sim_time_s", "path_ratio", "min_clearance_m", "ate_rmse_m", "energy_j")
-"""The figures that a summary and a report show. They are taken over the successful runs."""
+"""The figures of a summary and a report. They are taken over the successful runs."""
 
 
 @dataclass(frozen=True, slots=True)
 class CellSummary:
-    """What the runs of one cell have in common.
+    """Summary of the runs of one cell.
 
     Attributes:
         cell: Scenario, planner and sweep.
@@ -70,7 +70,7 @@ def cells_of(rows: Sequence[Row]) -> dict[Cell, list[Row]]:
 
 
 def summarise(rows: Sequence[Row]) -> list[CellSummary]:
-    """Sum up every cell.
+    """Summarise every cell.
 
     Args:
         rows: Rows of one campaign.

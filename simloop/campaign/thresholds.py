@@ -1,4 +1,4 @@
-"""Checks what each cell of a campaign must fulfil, written as ``name>=value``."""
+"""Thresholds that each cell of a campaign must meet, written as ``name>=value``."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Threshold:
 
     Attributes:
         name: ``success_rate``, the rate of another outcome (e.g. ``collision_rate``), or a figure
-            with a statistic (e.g. ``sim_time_s_p95``), which is taken over the successful runs.
+            with a statistic over the successful runs (e.g. ``sim_time_s_p95``).
         sign: One of ``>= <= > < ==``.
         limit: The limit, in the figure's unit; a rate is a share from 0 to 1.
     """
@@ -47,7 +47,7 @@ class Verdict:
     Attributes:
         threshold: The threshold.
         cell: Scenario, planner and sweep.
-        value: What was measured. None if there was nothing to measure; then it does not hold.
+        value: The measured value. None if there was nothing to measure; then it does not hold.
     """
 
     threshold: Threshold
@@ -56,7 +56,7 @@ class Verdict:
 
     @property
     def holds(self) -> bool:
-        """Whether the measured value keeps the limit."""
+        """Whether the measured value is within the limit."""
         if self.value is None:
             return False
         return _COMPARE[self.threshold.sign](self.value, self.threshold.limit)
@@ -152,7 +152,7 @@ def _value(name: str, rows: Sequence[Row]) -> float | None:
 
 
 def _check_rate(text: str, outcome: str) -> None:
-    """A misspelt outcome never occurs, so its rate would keep every upper limit."""
+    """Raise InputError for an unknown outcome, whose rate would meet every upper limit."""
     choices = {_SUCCESS, *OUTCOMES}
     if outcome not in choices:
         hint = did_you_mean(f"{outcome}{_RATE}", [f"{one}{_RATE}" for one in choices])

@@ -1,4 +1,4 @@
-"""Does one run of a campaign: a pure function of the run's description, for any worker anywhere."""
+"""Do one run of a campaign: a pure function of the run's description, for any worker anywhere."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Row = dict[str, Any]
 """The figures of one run, by column name."""
 
 REACHED = Outcome.REACHED
-"""The outcome of a successful run, as the simulation names it."""
+"""The outcome of a successful run, by the name that the simulation uses."""
 
 ERROR = "error"
 """The campaign's own outcome: the run could not be simulated to its end."""
@@ -36,9 +36,9 @@ def do_run(spec: RunSpec) -> Row:
         spec: The run.
 
     Returns:
-        The run's row: what ``row_of`` gives and every single-valued metric. A run that fails with
-        an exception gets the outcome ``error`` and the exception's text, so that the campaign's
-        other runs go on.
+        The run's row: the columns of ``row_of`` and every single-valued metric. A run that fails
+        with an exception gets the outcome ``error`` and the exception's text, so that the
+        campaign's other runs continue.
     """
     try:
         scenario = spec.load()
@@ -58,12 +58,12 @@ def do_run(spec: RunSpec) -> Row:
 
 
 def row_of(spec: RunSpec, outcome: str, error: str = "") -> Row:
-    """Make the columns that every row begins with.
+    """Make the first columns of every row.
 
     Args:
         spec: The run.
         outcome: How the run ended.
-        error: What went wrong, for a run with the outcome ``error``.
+        error: The error text, for a run with the outcome ``error``.
 
     Returns:
         A row with scenario, planner, sweep, seed, outcome, success and error.
@@ -82,5 +82,5 @@ def row_of(spec: RunSpec, outcome: str, error: str = "") -> Row:
 
 @lru_cache(maxsize=4)
 def _shared_world(spec: RunSpec) -> World:
-    """Build a world that is the same for all seeds only once in each worker."""
+    """Build a world that is the same for all seeds only once per worker."""
     return build_world(spec.load())

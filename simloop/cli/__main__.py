@@ -1,4 +1,4 @@
-"""Lets ``python -m simloop.cli`` do what the command ``simloop`` does."""
+"""Make ``python -m simloop.cli`` do the same as the command ``simloop``."""
 
 from simloop.cli.main import main
 

@@ -1,4 +1,4 @@
-"""The commands ``simloop bench ...``, which measure.
+"""The commands ``simloop bench ...``: measurements.
 
 Each command imports what it needs when it runs, so that ``simloop --help`` is quick.
 """
@@ -68,9 +68,9 @@ def bench_loop(
     \f
 
     Args:
-        json_file: Where the figures are written as JSON.
+        json_file: File for the figures as JSON.
         scenario: The scenario to run.
-        repeats: How often it is run.
+        repeats: Number of runs; the best counts.
         overrides: ``key=value`` for keys of the scenario.
 
     Returns:
@@ -101,15 +101,15 @@ def bench_planners(
 ) -> int:
     """Compare planners on the same tasks.
 
-    The figures are the planning time, the gap to the optimum, the share of safe paths, and which
-    differences are significant. Ctrl-C keeps what is measured by then.
+    The figures are the planning time, the gap to the optimum, the share of safe paths, and the
+    significance of the differences. Ctrl-C keeps the measurements made so far.
     \f
 
     Args:
-        json_file: Where the figures are written as JSON.
+        json_file: File for the figures as JSON.
         scenes: The scenes, by name, or map files.
         planners: The planners' names.
-        budget: How many evaluations of the objective each plan may use.
+        budget: Number of evaluations of the objective that each plan may use.
         seeds: The least number of plans of each planner on each scene.
         workers: The number of processes. 0: the number of cores.
         report: The directory of the HTML page.
@@ -158,10 +158,10 @@ def bench_weights(
     \f
 
     Args:
-        json_file: Where the figures are written as JSON.
+        json_file: File for the figures as JSON.
         scene: The scene.
         planner: The planner.
-        count: How many pairs of weights are tried.
+        count: Number of pairs of weights.
 
     Returns:
         The exit code.
@@ -189,7 +189,7 @@ def bench_faults(
     \f
 
     Args:
-        json_file: Where the figures are written as JSON.
+        json_file: File for the figures as JSON.
         seeds: The number of runs with each fault.
 
     Returns:
@@ -230,10 +230,10 @@ def bench_slam(
     \f
 
     Args:
-        json_file: Where the figures are written as JSON.
+        json_file: File for the figures as JSON.
         course: The courses' names.
         seed: The seeds.
-        seeds: How many seeds are used if ``seed`` is not given.
+        seeds: Number of seeds if ``seed`` is not given.
 
     Returns:
         The exit code.

@@ -1,4 +1,4 @@
-"""``simloop campaign``: does many runs, judges them and writes a report. It can be resumed."""
+"""``simloop campaign``: do many runs, judge them and write a report. A campaign can be resumed."""
 
 from __future__ import annotations
 
@@ -93,18 +93,18 @@ def campaign(
     """Do many runs and judge them.
 
     Runs each scenario with each planner, each combination of sweep values and each seed. If a
-    campaign is stopped or killed, give the same command again: it goes on where it stopped.
+    campaign is stopped or killed, give the same command again: it continues where it stopped.
 
-    Exit code 0: all runs reach the goal or, with --require, all thresholds hold. 1: not so, or
-    --compare finds that something got worse. 2: wrong input. 130: stopped by Ctrl-C.
+    Exit code 0: all runs reach the goal or, with --require, all thresholds hold. 1: otherwise, or
+    if --compare finds that something got worse. 2: wrong input. 130: stopped by Ctrl-C.
     \f
 
-    Each argument is the option of the same name, as its help text above describes it.
+    Each argument is the option of the same name; see its help text above.
 
     Args:
-        scenarios, seeds, planner, sweep, overrides: What is run.
-        workers, dask: Where it is run.
-        out, require, junit, record_failures, report, json_file: What is judged and written.
+        scenarios, seeds, planner, sweep, overrides: The runs.
+        workers, dask: The processes that do the runs.
+        out, require, junit, record_failures, report, json_file: The thresholds and the outputs.
         compare: The directories or result files of two campaigns, to compare them instead.
 
     Returns:
@@ -129,7 +129,7 @@ def campaign(
 
 @dataclass(frozen=True, slots=True)
 class _Outputs:
-    """Where the results of a campaign go."""
+    """The output files and directories of a campaign."""
 
     folder: Path
     junit: Path | None
@@ -138,7 +138,7 @@ class _Outputs:
     report: bool
 
     def check(self) -> None:
-        """Raise InputError for what cannot be written, before the first run."""
+        """Raise InputError for an output that cannot be written, before the first run."""
         from simloop.campaign import report
         from simloop.common.files import check_file
 
@@ -165,22 +165,22 @@ def _campaign(
     if stopped:
         print(
             f"interrupted: {len(runs)} of {len(specs)} runs are finished and kept; "
-            "give the same command again to go on"
+            "give the same command again to continue"
         )
-        sys.exit(INTERRUPTED)  # the line above says what the general message would not
+        sys.exit(INTERRUPTED)  # the line above replaces the general message
     _look_closer(outputs, runs, verdicts)
     good = [v.holds for v in verdicts] if verdicts else [row["success"] for _, row in runs]
     return 0 if all(good) else 1
 
 
 def _absolute(scenario: str) -> str:
-    """Make the path of a scenario file absolute for workers elsewhere; a name stays as it is."""
+    """Make the path of a scenario file absolute for workers elsewhere; a name stays unchanged."""
     path = Path(scenario)
     return str(path.resolve()) if path.suffix else scenario
 
 
 def _run(journal: Journal, specs: Sequence[RunSpec], workers: int, dask: str | None) -> bool:
-    """Do the runs that the journal lacks; whether they were stopped before the end."""
+    """Do the runs that the journal lacks; return whether they were stopped before the end."""
     from simloop.campaign import execute
 
     missing = journal.missing(specs)
@@ -201,7 +201,7 @@ def _run(journal: Journal, specs: Sequence[RunSpec], workers: int, dask: str | N
 
 @contextmanager
 def _workers(count: int, dask: str | None) -> Iterator[pool.Workers]:
-    """So many processes of this machine, or the workers of a Dask cluster."""
+    """Start this number of local processes, or connect to the workers of a Dask cluster."""
     from simloop.campaign.execute import dask_cluster
     from simloop.common.pool import local_workers
 
@@ -214,7 +214,7 @@ def _workers(count: int, dask: str | None) -> Iterator[pool.Workers]:
 
 @contextmanager
 def _bar(total: int, missing: int) -> Iterator[Callable[[Row], None]]:
-    """Show how many runs are finished, how many of them failed, and the time left."""
+    """Show the number of finished runs, the number of failed runs, and the time left."""
     from rich.progress import (
         BarColumn,
         MofNCompleteColumn,
@@ -247,7 +247,7 @@ def _bar(total: int, missing: int) -> Iterator[Callable[[Row], None]]:
 def _write_results(
     outputs: _Outputs, runs: Sequence[tuple[RunSpec, Row]], thresholds: Sequence[Threshold]
 ) -> list[Verdict]:
-    """Write the results and the verdicts, and print them as a table; the verdicts."""
+    """Write the results and the verdicts, print them as a table, and return the verdicts."""
     from simloop.campaign import summary
     from simloop.campaign.journal import write_results
     from simloop.campaign.junit import write_junit
@@ -313,7 +313,7 @@ def _print_file(what: str, file: Path) -> None:
 
 
 def _compare(before: Path, after: Path, json_file: Path | None) -> int:
-    """Print what differs; exit code 1 if something got significantly worse."""
+    """Print the differences; return exit code 1 if something got significantly worse."""
     from simloop.campaign import compare
     from simloop.campaign.journal import read_results
     from simloop.campaign.summary import name_of

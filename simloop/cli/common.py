@@ -1,4 +1,4 @@
-"""What the commands share: options, how Ctrl-C stops them, and figures as JSON."""
+"""Common parts of the commands: options, a clean stop at Ctrl-C, and figures as JSON."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ JsonFile = Annotated[
 
 @contextmanager
 def stop_asked() -> Iterator[Callable[[], bool]]:
-    """Note Ctrl-C and SIGTERM instead of raising KeyboardInterrupt.
+    """Store Ctrl-C and SIGTERM instead of raising KeyboardInterrupt.
 
-    The command asks now and then and stops where it can. An exception could come in the middle
-    of a compiled kernel or of a file that is being written.
+    The command checks for them at places where it can stop. An exception could interrupt a
+    compiled kernel or a file that is being written.
 
     Yields:
-        A function that tells whether a signal has come.
+        A function that tells whether a signal has arrived.
     """
     heard: list[int] = []
     signals = (signal.SIGINT, signal.SIGTERM)
@@ -53,7 +53,7 @@ def compiling_shown(notes: Console) -> Iterator[Callable[[str, int], None]]:
     """Show which kernels are being compiled.
 
     Args:
-        notes: Where it is shown.
+        notes: Console for the messages.
 
     Yields:
         A function to call with a kernel's name and number before it is compiled.
@@ -69,10 +69,10 @@ def check_json(path: Path | None) -> None:
     """Check that the file of ``--json`` can be written.
 
     Args:
-        path: The file. None: not asked for.
+        path: The file; None if ``--json`` is not given.
 
     Raises:
-        InputError: If it cannot be written.
+        InputError: If the file cannot be written.
     """
     from simloop.common.files import check_file
 
@@ -84,11 +84,11 @@ def write_json(path: Path | None, figures: dict[str, Any]) -> None:
     """Write the file of ``--json``.
 
     Args:
-        path: The file; its directory is made if needed. None: not asked for.
-        figures: What is written.
+        path: The file; its directory is created if needed. None if ``--json`` is not given.
+        figures: The figures to write.
 
     Raises:
-        InputError: If it cannot be written.
+        InputError: If the file cannot be written.
     """
     from simloop.common.files import write_text
 

@@ -91,7 +91,7 @@ def _run(commands: typer.Typer) -> None:
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         code = commands(standalone_mode=False) or 0
-        if code == INTERRUPTED:  # typer caught Ctrl-C, or a command says that it was stopped
+        if code == INTERRUPTED:  # typer caught Ctrl-C, or a command reports that it was stopped
             raise KeyboardInterrupt
         sys.exit(code)
     except (KeyboardInterrupt, typer.Abort):
@@ -99,14 +99,14 @@ def _run(commands: typer.Typer) -> None:
     except InputError as error:
         _fail(f"error: {error}", _INPUT_WRONG)
     except BrokenPipeError:
-        # The reader of our output is gone, e.g. `head`; Python must not complain at exit.
+        # The reader of our output is gone, e.g. `head`; Python must not report this at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         _fail(f"error: {where}{error.strerror or error}", _INPUT_WRONG)
     except Exception as error:
-        # The errors of the option parser have no public base class in all versions of typer.
+        # In some versions of typer, the errors of the option parser have no public base class.
         describe = getattr(error, "format_message", None)
         if describe is None:
             raise
@@ -169,10 +169,10 @@ def run_scenario(
         planner: A planner's name. None: the scenario's own.
         record: The file of the recording.
         snapshots: The directory of the pictures.
-        json_file: Where the figures are written as JSON. The config goes beside it.
+        json_file: File for the figures as JSON; the config is written to the same directory.
         out: The directory for all outputs.
         overrides: ``key=value`` for keys of the scenario.
-        quiet: Whether nothing but errors is printed.
+        quiet: Whether only errors are printed.
 
     Returns:
         The exit code.
@@ -185,7 +185,7 @@ def run_scenario(
     outputs = choose(out, record, snapshots, json_file)
     outputs.check(resolve(scenario))
     world = _build(wanted)
-    # Nothing is written before this line, and all errors of the input are found before it.
+    # Nothing is written before this line, and all input is checked before it.
     console, notes = Console(quiet=quiet), Console(stderr=True, quiet=quiet)
     with compiling_shown(notes) as report:
         from simloop.evaluation.provenance import versions
@@ -204,7 +204,7 @@ def run_scenario(
         finally:
             _print_result(console, result.metrics, outputs)
     if result.outcome is Outcome.INTERRUPTED:
-        sys.exit(INTERRUPTED)  # without a message: the table says it already
+        sys.exit(INTERRUPTED)  # without a message, because the table shows it
     return 0 if result.reached else 1
 
 
@@ -218,11 +218,11 @@ def certify(
 ) -> int:
     """Check the physics of the tracks against known solutions.
 
-    Exit code 0: every check holds. 1: one does not.
+    Exit code 0: every check holds. 1: at least one does not.
     \f
 
     Args:
-        json_file: Where the figures are written as JSON.
+        json_file: File for the figures as JSON.
         only: Families of checks.
 
     Returns:
@@ -251,7 +251,7 @@ def certify(
 
 
 def _drive(simulation: Simulation, notes: Console, stop: Callable[[], bool]) -> RunResult:
-    """Run with a progress bar until the end, or until ``stop`` answers True."""
+    """Run with a progress bar until the end, or until ``stop`` returns True."""
     from simloop.common.terminal import progress_bar
 
     to_go, limit = simulation.metrics.distance_to_go_m(), simulation.scenario.time_limit_s
@@ -279,7 +279,7 @@ def _build(scenario: Scenario) -> World:
 
 
 def _print_result(console: Console, metrics: dict[str, Any], outputs: Outputs) -> None:
-    """Print the table of figures and the files that were written."""
+    """Print the table of figures and the written files."""
     from simloop.cli.tables import print_result
 
     print_result(console, metrics)

@@ -1,4 +1,4 @@
-"""Turns the output options of ``simloop run`` into output files."""
+"""Convert the output options of ``simloop run`` into output files."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ def choose(
     """Decide which files are written.
 
     Args:
-        out: The folder of ``--out``, which asks for everything. Files named by another option go
-            where that option says.
+        out: The folder of ``--out``, which selects all outputs. Another option may give a file a
+            different place.
         recording: The file of ``--record``.
         snapshots: The folder of ``--snapshots``.
-        result: The file of ``--json``. The effective scenario goes beside it.
+        result: The file of ``--json``. The effective scenario is written to the same directory.
 
     Returns:
         The output files.

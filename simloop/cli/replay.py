@@ -1,4 +1,4 @@
-"""``simloop replay``: maps or localises with a recorded log of a real robot."""
+"""``simloop replay``: map or localise with a recorded log of a real robot."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ def replay(
 ) -> int:
     """Map or localise with a recorded log of a real robot.
 
-    Ctrl-C ends the log early and keeps what was made of it by then.
+    Ctrl-C ends the log early and keeps the results so far.
     \f
 
     Args:
         log: The log.
-        json_file: Where the figures are written as JSON; ``-`` means stdout.
+        json_file: File for the figures as JSON; ``-`` means stdout.
         out: The directory of map, trajectory and recording.
         relations: The file of reference relations between poses of the trajectory.
         prior: The YAML file of a map to localise in.

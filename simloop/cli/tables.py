@@ -1,4 +1,4 @@
-"""Prints results as tables in the terminal."""
+"""Print results as tables in the terminal."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ def print_certificate(console: Console, checks: Sequence[Check]) -> None:
     """Print one table for each group of checks, then the verdict.
 
     Args:
-        console: Where to print.
-        checks: The checks. Informative ones are shown for comparison and do not count.
+        console: Console to print to.
+        checks: The checks. Informative checks are shown for comparison and do not count.
     """
     groups: dict[str, list[Check]] = {}
     for check in checks:
@@ -47,10 +47,10 @@ def print_certificate(console: Console, checks: Sequence[Check]) -> None:
 
 
 def print_result(console: Console, metrics: Mapping[str, Any]) -> None:
-    """Print how a run ended and its figures.
+    """Print how a run ended, and its figures.
 
     Args:
-        console: Where to print.
+        console: Console to print to.
         metrics: The figures of the run, see ``RunMetrics.result``.
     """
     outcome = Outcome(metrics["outcome"])
@@ -64,7 +64,7 @@ def print_result(console: Console, metrics: Mapping[str, Any]) -> None:
 
 
 def result_rows(metrics: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Format the figures of a run for people.
+    """Format the figures of a run for display.
 
     Args:
         metrics: The figures of the run, see ``RunMetrics.result``.

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Navigation: planning, gap choice, smoothing and goal feasibility."""

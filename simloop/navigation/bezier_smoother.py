@@ -1,11 +1,11 @@
-"""The smoother: the corners of a polyline become pairs of cubic Bezier spirals.
+"""Smooth a polyline: replace its corners by pairs of cubic Bezier spirals.
 
-Each corner is cut over a distance d along both its sides by two cubics (Yang & Sukkarieh 2010,
-IEEE T-RO 26(3), Eqs. 6-9). They meet with equal tangent and curvature and join the straight parts
-with no curvature, so the curvature of the path is continuous. The curve stays inside the corner's
-triangle. Its sharpest curvature is c4 sin(b) / (d cos(b)^2), b half the turn: the larger d, the
-gentler the curve. d starts as large as the sides allow and shrinks until the discs of the
-footprint keep their clearance along the whole curve. Clearance is never given up for smoothness.
+Two cubics cut each corner over a distance d along both its sides (Yang & Sukkarieh 2010,
+IEEE T-RO 26(3), Eqs. 6-9). The cubics meet with equal tangent and curvature. They join the straight
+parts with zero curvature, so the curvature of the path is continuous. The curve stays inside the
+corner's triangle. Its maximum curvature is c4 sin(b) / (d cos(b)^2), where b is half the turn: a
+larger d gives a gentler curve. d starts as large as the sides allow. It shrinks until the discs of
+the footprint keep their clearance along the whole curve. Clearance has priority over smoothness.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from simloop.planners.problem.clearance import SAFE_WITHIN_M, START_GROWTH
 _C2 = 0.4 * (math.sqrt(6.0) - 1.0)
 _C3 = (_C2 + 4.0) / (7.2364 + 6.0)
 C4 = (_C2 + 4.0) ** 2 / (54.0 * _C3)
-_STRAIGHT_RAD = 1e-3  # corners flatter than this are left alone
+_STRAIGHT_RAD = 1e-3  # a corner that turns less than this is not cut
 _SHRINK = 0.75
-_GENTLE_M = 0.25  # a cut longer than this is not worth less than the preferred clearance
+_GENTLE_M = 0.25  # a cut longer than this must keep the preferred clearance, not only the safe one
 _LEAD_FRACTIONS = (1.0, 0.6, 0.3)
 
 
@@ -39,10 +39,11 @@ def corner_controls(a: FloatArray, corner: FloatArray, b: FloatArray, d: float) 
         a: (2,) a point on the side that leads to the corner, m.
         corner: (2,) the corner, m.
         b: (2,) a point on the side that leads away from it, m.
-        d: How much of each side is cut off, m.
+        d: Length that is cut off each side, m.
 
     Returns:
-        (8, 2) control points in the direction of travel, m: rows 0-3 lead in, rows 4-7 lead out.
+        (8, 2) control points in the direction of travel, m: rows 0-3 for the first cubic, rows 4-7
+        for the second.
     """
     back, ahead = a - corner, b - corner
     back /= math.hypot(back[0], back[1])
@@ -57,19 +58,19 @@ def corner_controls(a: FloatArray, corner: FloatArray, b: FloatArray, d: float) 
         out[7, i] = corner[i] + d * ahead[i]
         out[6, i] = out[7, i] - g * ahead[i]
         out[5, i] = out[6, i] - h * ahead[i]
-    for i in range(2):  # by symmetry the two meet half way
+    for i in range(2):  # by symmetry the cubics meet half way
         out[3, i] = out[4, i] = 0.5 * (out[2, i] + out[5, i])
     return out
 
 
 @njit(cache=True)
 def cubic_sample(p: FloatArray, t: float, out: FloatArray) -> None:
-    """Sample a cubic Bezier curve: place, heading and curvature.
+    """Sample a cubic Bezier curve: position, heading and curvature.
 
     Args:
         p: (4, 2) control points, m.
         t: Parameter, 0 to 1.
-        out: (4,) or longer; takes x, y, yaw, curvature, m, m, rad, 1/m.
+        out: (4,) or longer; receives x, y, yaw, curvature, m, m, rad, 1/m.
     """
     s = 1.0 - t
     first, second = np.empty(2), np.empty(2)
@@ -90,7 +91,7 @@ def cubic_sample(p: FloatArray, t: float, out: FloatArray) -> None:
 
 @njit(cache=True)
 def _corner_clearance(controls: FloatArray, field: Field, offsets: FloatArray) -> float:
-    """Least footprint clearance along both cubics of a corner, m."""
+    """Compute the least footprint clearance along both cubics of a corner, m."""
     least, sample, n = 1e3, np.empty(4), 16
     for half in range(2):
         for step in range(n + 1):
@@ -110,29 +111,29 @@ def fit_corners(
     most: float,
     least: float,
 ) -> FloatArray:
-    """Choose how far each corner of a polyline is cut.
+    """Choose the length that is cut off the sides at each corner of a polyline.
 
-    Where even the tightest cut keeps too little clearance it is taken all the same. The robot then
-    all but turns on the spot, along the polyline that the planner has judged.
+    If even the tightest cut keeps too little clearance, the tightest cut is used. The robot then
+    nearly turns on the spot, along the polyline that the planner has checked.
 
     Args:
         points: (n, 2) the polyline, in map, m.
         field: The distance field.
-        offsets: (k,) where the footprint's discs lie along the heading, m.
+        offsets: (k,) positions of the footprint's discs along the heading, m.
         safe: Clearance that every cut keeps, m.
         preferred: Clearance that a gentle cut keeps, m.
         most: Deepest cut, m.
         least: Tightest cut, m.
 
     Returns:
-        (n,) the cuts, m; 0 where the polyline is all but straight.
+        (n,) the cuts, m; 0 where the polyline is almost straight.
     """
     n = points.shape[0]
     cuts = np.zeros(n)
     for i in range(1, n - 1):
         before = math.hypot(points[i, 0] - points[i - 1, 0], points[i, 1] - points[i - 1, 1])
         after = math.hypot(points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1])
-        # What the sides leave: the next corner needs its half of the side between them.
+        # Room on the two sides: the next corner needs its half of the side between them.
         room = before - cuts[i - 1]
         room = min(room, after if i == n - 2 else 0.5 * after)
         turn = math.atan2(points[i + 1, 1] - points[i, 1], points[i + 1, 0] - points[i, 0])
@@ -157,8 +158,8 @@ def sample_path(points: FloatArray, cuts: FloatArray, spacing: float) -> FloatAr
 
     Args:
         points: (n, 2) the polyline, in map, m.
-        cuts: (n,) how far each corner is cut, m; 0 leaves it as it is.
-        spacing: Distance of the samples at most, m.
+        cuts: (n,) length cut off at each corner, m; 0 leaves the corner as it is.
+        spacing: Largest distance between two samples, m.
 
     Returns:
         (k, 4) x, y, yaw, curvature along the path, m, m, rad, 1/m.
@@ -172,10 +173,10 @@ def sample_path(points: FloatArray, cuts: FloatArray, spacing: float) -> FloatAr
         if size < 1e-9:
             continue
         heading = math.atan2(step[1], step[0])
-        # The straight part up to where the corner is cut.
+        # The straight part up to the start of the cut.
         end = points[i] - step * (cuts[i] / size)
         run = math.hypot(end[0] - at[0], end[1] - at[1])
-        count = math.ceil(run / spacing) if run > 1e-9 else 0  # two cuts may meet
+        count = math.ceil(run / spacing) if run > 1e-9 else 0  # no straight part if two cuts meet
         for s in range(count):
             f = s / count
             here = at + f * (end - at)
@@ -206,10 +207,10 @@ def path_clearance(samples: FloatArray, field: Field, offsets: FloatArray) -> Fl
     Args:
         samples: (k, 3 or more) x, y, yaw, in map, m, m, rad.
         field: The distance field.
-        offsets: (n,) where the footprint's discs lie along the heading, m.
+        offsets: (n,) positions of the footprint's discs along the heading, m.
 
     Returns:
-        (k,) least distance of any disc's centre to an obstacle, m.
+        (k,) least distance from the centre of any disc to an obstacle, m.
     """
     out = np.empty(samples.shape[0])
     for i in range(samples.shape[0]):
@@ -228,16 +229,17 @@ def keeps_distance(
 ) -> bool:
     """Tell whether a path keeps a distance from obstacles, by the planner's own rule.
 
-    Near a start that is too close to something, less is asked for: see `make_problem`. What the
-    footprint covers behind the start is not judged, because the robot stands there already.
+    Near a start that is too close to an obstacle, a smaller distance is enough: see
+    `make_problem`. Discs that lie behind the start are not checked, because the robot already
+    stands there.
 
     Args:
         samples: (k, 3 or more) x, y, yaw along the path, in map, m, m, rad.
         arc: (k,) length of the path up to each sample, m.
         field: The distance field.
-        offsets: (n,) where the footprint's discs lie along the heading, m.
-        enough: Distance of the discs' centres that is asked for, m.
-        start_lack: By how much the start itself falls short of it, m.
+        offsets: (n,) positions of the footprint's discs along the heading, m.
+        enough: Required distance from the discs' centres to obstacles, m.
+        start_lack: How much the clearance at the start falls short of ``enough``, m.
 
     Returns:
         Whether every disc keeps the distance at every sample.
@@ -257,7 +259,7 @@ def keeps_distance(
 
 
 class Smoother:
-    """Turns plans into paths that the tracker can follow, at each plan's own safe distance."""
+    """Turns plans into paths that the tracker can follow, each at its plan's safe distance."""
 
     def __init__(self, config: SmootherConfig, vehicle: VehicleConfig) -> None:
         self._config = config
@@ -266,12 +268,12 @@ class Smoother:
     def smooth(self, plan: Plan, view: WorldView, pose: FloatArray) -> SmoothPath:
         """Smooth a plan from where the robot stands.
 
-        The path starts along the robot's heading if that is near enough to the plan's and the
-        clearance allows it. Otherwise it starts along the plan, and the robot turns on the spot
-        first.
+        The path starts along the robot's heading if the turn to the plan is small and the
+        clearance allows it. Otherwise it starts along the plan, and the robot first turns on the
+        spot.
 
         Args:
-            plan: The polyline to follow and the safe distance that it keeps.
+            plan: The polyline to follow, with the safe distance that it keeps.
             view: The view that the plan was made in.
             pose: (3,) x, y, yaw of base_link in map, m, m, rad.
 
@@ -293,10 +295,10 @@ class Smoother:
     def _with_room(
         self, waypoints: FloatArray, field: Field, safe: float
     ) -> tuple[FloatArray, FloatArray]:
-        """The plan's points, moved to where there is room, and the path along them.
+        """Move the plan's points to where there is room; return them and the path along them.
 
-        The points stay where they are if that leaves the path more clearance than moving them,
-        and moving them does not leave the safe distance.
+        The points keep their places if the moved path falls below the safe distance and has less
+        clearance than the path along the original points.
         """
         points = np.ascontiguousarray(waypoints)
         if self._config.extra_room_m > 0.0:
@@ -313,14 +315,14 @@ class Smoother:
         return points, self._path(points, field, safe)
 
     def _with_lead_in(self, points: FloatArray, pose: FloatArray, fraction: float) -> FloatArray:
-        """The polyline with a first leg along the robot's heading."""
+        """Return the polyline with a first leg along the robot's heading."""
         first = math.dist(points[0], points[1])
         lead = fraction * min(self._config.lead_in_m, 0.5 * first)
         ahead = points[0] + lead * np.array([math.cos(pose[2]), math.sin(pose[2])])
         return np.vstack((points[:1], ahead, points[1:]))
 
     def _path(self, points: FloatArray, field: Field, safe: float) -> FloatArray:
-        """The polyline with its corners cut, sampled: (k, 4) x, y, yaw, curvature."""
+        """Cut the corners of the polyline and sample it: (k, 4) x, y, yaw, curvature."""
         config = self._config
         points = np.ascontiguousarray(points)
         cuts = fit_corners(
@@ -337,10 +339,10 @@ class Smoother:
     def _message(
         self, plan: Plan, samples: FloatArray, field: Field, pose: FloatArray
     ) -> SmoothPath:
-        """The message about a sampled path (k, 4) of a robot that stands at a pose (3,)."""
+        """Make the message about a sampled path (k, 4) of a robot at a pose (3,)."""
         steps = np.hypot(np.diff(samples[:, 0]), np.diff(samples[:, 1]))
         arc = np.concatenate(([0.0], np.cumsum(steps)))
-        # What the planner asks of a start: the robot's middle and its front as it stands.
+        # The planner judges a start by the robot's middle and front at its present heading.
         not_behind = self._offsets[self._offsets >= 0.0]
         here = footprint_clearance(field, samples[0, 0], samples[0, 1], pose[2], not_behind)
         lack = max(0.0, plan.safe_distance_m - here)

@@ -1,9 +1,9 @@
-"""An elastic band: a polyline is moved away from what it passes, where there is room for it.
+"""Elastic band: move a polyline away from obstacles where there is room.
 
-The planner asks for the safe distance and no more, so its plans pass everything at just that
-distance. Here each waypoint tries places nearby where its two legs cost less: a little longer,
-but with more of their length farther than ``preferred`` from all obstacles (after Quinlan & Khatib
-1993). In a gap that is too narrow for that, the band settles near the middle.
+The planner requires the safe distance and no more, so its plans pass obstacles at just that
+distance. Here each waypoint tries places nearby and moves to where its two legs cost less: they are
+a little longer, but more of their length is farther than ``preferred`` from all obstacles (after
+Quinlan & Khatib 1993). In a gap that is too narrow for that, the band settles near the middle.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from simloop.geometry.distance_field import Field, footprint_clearance
 from simloop.geometry.se2 import wrap_angle
 from simloop.messages import FloatArray
 
-_STEP_M = 0.04  # between the places where a leg is sampled
-_LONG_LEG_M = 0.3  # a leg longer than this that passes something gets a waypoint there
-_TURN_M = 0.54  # what a radian of turning costs, m: w2 / w1 of the planner
-_NEAR = 0.5  # price of a metre at the safe distance, over one at the preferred distance
-_TOO_NEAR = 60.0  # price of each metre of clearance below the safe distance
+_STEP_M = 0.04  # distance between the samples of a leg
+_LONG_LEG_M = 0.3  # a longer leg that passes an obstacle gets an extra waypoint there
+_TURN_M = 0.54  # cost of a turn of 1 rad, m: w2 / w1 of the planner
+_NEAR = 0.5  # price of a metre at the safe distance, relative to the preferred distance
+_TOO_NEAR = 60.0  # extra price per metre by which the clearance is below the safe distance
 _STEPS_M = (0.03, 0.015, 0.0075)
 _SWEEPS = 2
 
@@ -30,15 +30,15 @@ _SWEEPS = 2
 def leg_cost(
     a: FloatArray, b: FloatArray, field: Field, offsets: FloatArray, safe: float, preferred: float
 ) -> float:
-    """Return what a leg of the band costs: its length, and a price for being near obstacles.
+    """Compute the cost of a leg of the band: its length, plus a price for being near obstacles.
 
     Args:
-        a: (2,) where it begins, in map, m.
-        b: (2,) where it ends, m.
+        a: (2,) start of the leg, in map, m.
+        b: (2,) end of the leg, in map, m.
         field: The distance field.
-        offsets: (n,) where the footprint's discs lie along the heading, m.
-        safe: Clearance below which a place is very costly, m.
-        preferred: Clearance from which on a place costs nothing, m.
+        offsets: (n,) positions of the footprint's discs along the heading, m.
+        safe: Clearance below which the price is very high, m.
+        preferred: Clearance from which on the price is zero, m.
 
     Returns:
         The cost, m.
@@ -59,7 +59,7 @@ def leg_cost(
 
 @njit(cache=True)
 def _turn(a: FloatArray, b: FloatArray, c: FloatArray) -> float:
-    """Angle between the legs a-b and b-c, rad."""
+    """Compute the angle between the legs a-b and b-c, rad."""
     back = math.atan2(b[1] - a[1], b[0] - a[0])
     return abs(wrap_angle(math.atan2(c[1] - b[1], c[0] - b[0]) - back))
 
@@ -68,7 +68,7 @@ def _turn(a: FloatArray, b: FloatArray, c: FloatArray) -> float:
 def _cost_about(
     band: FloatArray, i: int, field: Field, offsets: FloatArray, safe: float, preferred: float
 ) -> float:
-    """Cost, m, of what waypoint ``i`` decides: its two legs and the turns at their ends."""
+    """Compute the cost that waypoint ``i`` affects, m: its two legs and the turns at their ends."""
     cost = leg_cost(band[i - 1], band[i], field, offsets, safe, preferred)
     cost += leg_cost(band[i], band[i + 1], field, offsets, safe, preferred)
     for k in range(max(1, i - 1), min(band.shape[0] - 2, i + 1) + 1):
@@ -80,7 +80,7 @@ def _cost_about(
 def _with_points_beside(
     points: FloatArray, field: Field, offsets: FloatArray, preferred: float
 ) -> FloatArray:
-    """The polyline (n, 2) with a point more on each long leg, where an obstacle is nearest."""
+    """Add a point to each long leg of the polyline (n, 2), where it is nearest to an obstacle."""
     n = points.shape[0]
     out, m = np.empty((2 * n, 2)), 1
     out[0] = points[0]
@@ -110,23 +110,23 @@ def _with_points_beside(
 def make_room(
     points: FloatArray, field: Field, offsets: FloatArray, safe: float, preferred: float
 ) -> FloatArray:
-    """Move the inner waypoints of a polyline to where they cost least; its ends stay.
+    """Move the inner waypoints of a polyline to where they cost least; its ends stay in place.
 
     Args:
         points: (n, 2) the polyline, in map, m.
         field: The distance field.
-        offsets: (k,) where the footprint's discs lie along the heading, m.
-        safe: Clearance that is asked for, m.
-        preferred: Clearance that is sought where there is room, m; more than ``safe``.
+        offsets: (k,) positions of the footprint's discs along the heading, m.
+        safe: Required clearance, m.
+        preferred: Clearance to reach where there is room, m; more than ``safe``.
 
     Returns:
-        (m, 2) the band, m. No step was taken that costs more than it gains.
+        (m, 2) the band, in map, m. Every step lowers the cost.
     """
     band = _with_points_beside(points, field, offsets, preferred)
     for step in _STEPS_M:
         for _ in range(_SWEEPS):
             for i in range(1, band.shape[0] - 1):
-                # Try eight places about the waypoint and take the best.
+                # Try eight places around the waypoint and keep the best.
                 x, y = band[i, 0], band[i, 1]
                 best_x, best_y = x, y
                 best = _cost_about(band, i, field, offsets, safe, preferred)

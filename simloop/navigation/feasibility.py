@@ -1,7 +1,7 @@
 """Feasibility: whether the goal can be reached at all, and whether the path ahead is still free.
 
-Unknown space counts as free. So a goal is given up only where known surfaces close it off from all
-sides, or stand on it.
+Unknown space counts as free. The goal is therefore given up only if known surfaces enclose it or
+cover it.
 """
 
 from __future__ import annotations
@@ -14,22 +14,22 @@ from scipy import ndimage
 
 from simloop.messages import FloatArray, WorldView
 
-_TIMES = 3  # plans in a row that must find the goal closed off
-_FOR_NS = 3_000_000_000  # time that they must span, so that what passes by closes nothing off
+_TIMES = 3  # consecutive plans that must find the goal closed off
+_FOR_NS = 3_000_000_000  # time that they must span: a passing mover does not close the goal off
 
 
 def is_closed_off(
     view: WorldView, place: FloatArray, goal: FloatArray, tolerance_m: float, half_width_m: float
 ) -> bool:
-    """Say whether known obstacles separate a place from the goal.
+    """Tell whether known obstacles separate a place from the goal.
 
-    A disc moves through free and unknown cells, in the view and about it.
+    A disc must find a way through free and unknown cells, inside the view or around it.
 
     Args:
         view: What is known of the world.
-        place: (2+,) where the robot is, in map, m.
+        place: (2+,) position of the robot, in map, m.
         goal: (2,) in map, m.
-        tolerance_m: How near to the goal is near enough, m.
+        tolerance_m: Distance from the goal that counts as arrived, m.
         half_width_m: Radius of the disc, m.
 
     Returns:
@@ -38,8 +38,8 @@ def is_closed_off(
     rows, cols = view.distance_m.shape
     if rows == 0 or cols == 0:
         return False
-    free = np.pad(view.distance_m >= half_width_m, 1, constant_values=True)  # outside all is free
-    # The robot stands where it stands, however near that is to something.
+    free = np.pad(view.distance_m >= half_width_m, 1, constant_values=True)  # free outside the view
+    # The robot's own place counts as free, even if it is close to an obstacle.
     reach = max(tolerance_m, view.resolution_m)
     own = _within(view, place[:2], half_width_m)
     free |= own
@@ -50,8 +50,10 @@ def is_closed_off(
 
 
 def _within(view: WorldView, place: FloatArray, radius_m: float) -> np.ndarray:
-    """(rows + 2, cols + 2) bool: cells of the padded view whose centre is near a place (2,); the
-    nearest one in any case."""
+    """Mark the cells of the padded view whose centre is near a place (2,).
+
+    Returns (rows + 2, cols + 2) bool. The nearest cell is always marked.
+    """
     rows, cols = view.distance_m.shape
     x = view.origin_m[0] + (np.arange(-1, cols + 1) + 0.5) * view.resolution_m
     y = view.origin_m[1] + (np.arange(-1, rows + 1) + 0.5) * view.resolution_m
@@ -60,7 +62,7 @@ def _within(view: WorldView, place: FloatArray, radius_m: float) -> np.ndarray:
 
 
 class Feasibility:
-    """Counts how often, and for how long, the goal has been found closed off."""
+    """Counts how many plans in a row, and for how long, have found the goal closed off."""
 
     def __init__(self, tolerance_m: float, width_m: float) -> None:
         self._tolerance_m, self._half_width_m = tolerance_m, 0.45 * width_m
@@ -68,16 +70,16 @@ class Feasibility:
         self.hopeless = False
 
     def update(self, view: WorldView, place: FloatArray, goal: FloatArray, safe: bool) -> bool:
-        """Take the view of a plan.
+        """Take the view of a new plan into account.
 
         Args:
             view: What is known of the world.
-            place: (2+,) where the robot is, in map, m.
+            place: (2+,) position of the robot, in map, m.
             goal: (2,) in map, m.
             safe: Whether the plan is safe.
 
         Returns:
-            True if from now on the goal is given up.
+            True if the goal is given up from now on.
         """
         closed = not safe and is_closed_off(
             view, place, goal, self._tolerance_m, self._half_width_m
@@ -100,26 +102,26 @@ def stands_in_the_way(
     limit: float,
     slack: float,
 ) -> bool:
-    """Say whether something new in the map comes too near to the path ahead.
+    """Tell whether new surfaces in the map come too near to the path ahead.
 
-    Each scan makes a handful of cells occupied. Asking how near these come to the path is some
-    thousand times cheaper than a new distance field of the whole map, and misses nothing: an
-    obstacle that was not in the planner's view is in a cell that became occupied after it.
+    Each scan makes only a few cells occupied. Checking their distance to the path is about a
+    thousand times cheaper than a new distance field of the whole map. It misses nothing: an
+    obstacle that was not in the planner's view lies in a cell that became occupied later.
 
     Args:
-        surfaces: (k, 2) what is new, in map, m.
+        surfaces: (k, 2) new surface points, in map, m.
         xy: (n, 2) the path's samples, in map, m.
         yaw: (n,) their headings, rad.
-        clearance: (n,) their clearances as planned, m.
-        first: The first sample that counts.
+        clearance: (n,) their planned clearances, m.
+        first: Index of the first sample to check.
         offsets: (d,) centres of the footprint's discs along the heading, m.
-        limit: Distance from a disc's centre that is too near, m.
-        slack: How much less than planned a clearance must be to count, m.
+        limit: A distance from a disc's centre below this is too near, m.
+        slack: A clearance counts only if it is less than planned by more than this, m.
 
     Returns:
         True if the path is blocked.
     """
-    # No disc's centre is farther than this from its sample: most samples are ruled out by it.
+    # No disc's centre is farther than this from its sample, which rules out most samples.
     reach = 0.0
     for d in range(offsets.shape[0]):
         reach = max(reach, abs(offsets[d]))

@@ -1,9 +1,9 @@
-"""Which gaps to go through: plans at up to three safe distances, and a choice between two of them.
+"""Gap choice: plan at up to three safe distances, and choose between two of the plans.
 
-The path that is shortest at the usual safe distance may lead through a gap that is only just wide
-enough as far as it has been seen. What is seen on arrival often closes such a gap, and the way
-there and back is lost. A path with more room is therefore taken where it costs little more. Where
-the way round is long, a gap that is a little too narrow is taken after all.
+The path that is shortest at the usual safe distance may lead through a gap that looks just wide
+enough from afar. Such a gap often proves closed when the robot arrives, and the way there and back
+is lost. A path with more room is therefore chosen if it costs little more. If the way round is
+long, a gap that is a little too narrow is chosen instead.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from simloop.messages import FloatArray, Plan, WorldView
 from simloop.planners.protocol import PlanningTask
 from simloop.planners.registry import make_planner
 
-_LONG_DETOUR_M = 0.3  # a detour longer than this is worth a gap that is a little too narrow
-_HARD = 5000  # evaluations of a plan after which there is no time for a second one
+_LONG_DETOUR_M = 0.3  # a detour longer than this justifies a gap that is a little too narrow
+_HARD = 5000  # after a plan with more evaluations there is no time for a second plan
 
 
 class GapChooser:
-    """Plans at the usual safe distance, and at another one where that is promising.
+    """Plans at the usual safe distance, and at another one if that is promising.
 
-    One planner serves all three distances, because planners keep nothing between two calls.
+    One planner serves all three distances, because planners keep no state between two calls.
     """
 
     def __init__(self, config: Config, rng: np.random.Generator) -> None:
@@ -38,7 +38,7 @@ class GapChooser:
         self._tries_tight_gaps = config.planner.squeeze_m > 0.0
 
     def stop_trying_tight_gaps(self) -> None:
-        """Plan no longer below the usual safe distance, from now on: the robot has got stuck."""
+        """Stop planning below the usual safe distance, because the robot has got stuck."""
         self._tries_tight_gaps = False
 
     def plan(
@@ -56,11 +56,11 @@ class GapChooser:
             pose: (3,) x, y, yaw of base_link in map, m, m, rad.
             goal: (2,) x, y in map, m.
             previous: The plan that the robot follows now, if any.
-            reason: Why a plan is asked for.
+            reason: Why the robot plans.
 
         Returns:
-            The plan chosen; it says which safe distance it keeps. Its evaluations are those of
-            all that was tried.
+            The chosen plan, with the safe distance that it keeps. Its evaluations include those
+            of the plans that were not chosen.
         """
         task = PlanningTask(view, pose, goal, self._usual_m, previous, reason)
         usual = self._planner.plan(task, self._rng)
@@ -83,19 +83,19 @@ class GapChooser:
 
     @staticmethod
     def _at(task: PlanningTask, safe_distance_m: float) -> PlanningTask:
-        """The same task at another safe distance."""
+        """Return the same task with another safe distance."""
         return replace(task, safe_distance_m=safe_distance_m)
 
 
 def remaining_length(plan: Plan, pose: FloatArray) -> float:
-    """Return how much of a plan lies ahead of a pose.
+    """Compute how much of a plan lies ahead of a pose.
 
     Args:
-        plan: The plan, of two waypoints or more.
+        plan: The plan, with at least two waypoints.
         pose: (2,) or longer: x, y in map, m.
 
     Returns:
-        Length from the point of the polyline that is nearest to the pose up to its end, m.
+        Length of the polyline from its point nearest to the pose up to its end, m.
     """
     points = plan.waypoints_m
     legs = np.diff(points, axis=0)

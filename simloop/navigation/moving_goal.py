@@ -1,4 +1,4 @@
-"""A goal that may move: where it is, by what the robot has been told, and where to meet it."""
+"""A goal that may move: its position from the readings, and the place where the robot meets it."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from simloop.navigation.planner_world import meeting_time
 
 _PLACE_STD_M, _SPEED_STD_MPS = 0.03, 0.3
 _ACCELERATION_MPS2 = 0.3
-_PACE_SHARE = 0.8  # of the robot's speed: turns and detours take their time
-_LEAD_S = 3.0  # further ahead its way is anyone's guess
-_LEADS = (1.0, 0.5, 0.25)  # of the way to the meeting: the first that has room
-_OFF_M, _OFF_NS = 0.06, 400_000_000  # that the aim may have gone astray, and how soon it is asked
+_PACE_SHARE = 0.8  # share of the robot's speed that is assumed: turns and detours take time
+_LEAD_S = 3.0  # the goal's motion is not predicted farther ahead than this
+_LEADS = (1.0, 0.5, 0.25)  # shares of the way to the meeting; the first with enough room is used
+_OFF_M, _OFF_NS = 0.06, 400_000_000  # aim error that calls for a new plan; the old one's least age
 
 
 class MovingGoal:
-    """Tracks the goal. It stands still until a reading says otherwise."""
+    """Tracks the goal. The goal stands still until the first reading."""
 
     def __init__(self, goal: FloatArray) -> None:
         self._place = np.array(goal, np.float64)
@@ -27,14 +27,14 @@ class MovingGoal:
 
     @property
     def moves(self) -> bool:
-        """Whether it has ever been told of."""
+        """Whether the goal has ever had a reading."""
         return self._filter is not None
 
     def update(self, reading: GoalReading) -> None:
-        """Take news of the goal.
+        """Update the goal with a reading.
 
         Args:
-            reading: Where it is.
+            reading: The measured position of the goal.
         """
         if self._filter is None:
             self._filter = ConstantVelocity(
@@ -52,7 +52,7 @@ class MovingGoal:
         """Predict where the goal is.
 
         Args:
-            t_ns: The instant, ns.
+            t_ns: The time, ns.
 
         Returns:
             (2,) in map, m.
@@ -66,10 +66,10 @@ class MovingGoal:
             view: What is known of the world.
             pose: (3,) of base_link in map, m, m, rad.
             speed_mps: Cruising speed of the robot, m/s.
-            room_m: Distance that the place keeps from obstacles, m.
+            room_m: Distance that the place must keep from obstacles, m.
 
         Returns:
-            (2,) in map, m.
+            (2,) in map, m; the goal's present position if no meeting place has enough room.
         """
         here = self.position_at(view.t_ns)
         if self._filter is None:
@@ -81,15 +81,15 @@ class MovingGoal:
         return self._aim
 
     def is_out_of_date(self, t_ns: int, pose: FloatArray, speed_mps: float) -> bool:
-        """Say whether the place of the last plan is out of date.
+        """Tell whether the place of the last plan is out of date.
 
         Args:
-            t_ns: The instant, ns.
+            t_ns: The time, ns.
             pose: (3,) of base_link in map, m, m, rad.
             speed_mps: Cruising speed of the robot, m/s.
 
         Returns:
-            True if the goal is going to be met elsewhere.
+            True if the robot will meet the goal at another place.
         """
         if self._filter is None or t_ns - self._aimed_ns < _OFF_NS:
             return False
@@ -97,7 +97,7 @@ class MovingGoal:
         return bool(np.hypot(*(aim - self._aim)) > _OFF_M)
 
     def _way_to_meeting(self, t_ns: int, pose: FloatArray, speed_mps: float) -> FloatArray:
-        """(2,) m that the goal goes until the robot, from ``pose`` (3,), can have reached it."""
+        """Return how far the goal moves, (2,) m, until a robot at ``pose`` (3,) can reach it."""
         assert self._filter is not None
         velocity = self._filter.velocity
         when = meeting_time(self.position_at(t_ns), velocity, pose, _PACE_SHARE * speed_mps)
@@ -112,7 +112,7 @@ def distance_to_obstacle(view: WorldView, place: FloatArray) -> float:
         place: (2,) in map, m.
 
     Returns:
-        Metres; infinite off the view's grid.
+        Distance, m; infinite outside the view's grid.
     """
     column, row = np.floor((place - view.origin_m) / view.resolution_m).astype(int)
     rows, columns = view.distance_m.shape

@@ -1,6 +1,6 @@
-"""Navigation: when to plan, to where, in which view of the world, and which path comes of it.
+"""Navigation: when to plan, to which place, in which view of the world, and along which path.
 
-reason -> goal -> view (map, what moves) -> gap choice (planner) -> plan -> smoother -> path
+reason -> goal -> view (map, movers) -> gap choice (planner) -> plan -> smoother -> path
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from simloop.navigation.gap_choice import GapChooser
 from simloop.navigation.moving_goal import MovingGoal
 from simloop.navigation.planner_world import add_predicted_movers, with_free_rim
 
-_BLOCKED_SLACK_M = 0.02  # the map's grain: a path is blocked only when it clearly is
-_HOPELESS_NS = 500_000_000  # between replans for a blockage that the last plan could not avoid
-_MOVERS_M = 3.0  # a mover nearer than this makes an older plan doubtful
-_MOVERS_NS = 600_000_000  # age at which such a plan is too old
-_NEXT_M = 0.4  # distance on its path to where a robot that is held would like to be
+_BLOCKED_SLACK_M = 0.02  # shortfall within the map's resolution; it does not block a path
+_HOPELESS_NS = 500_000_000  # least time between replans for a blockage that cannot be avoided
+_MOVERS_M = 3.0  # only a mover nearer than this makes an old plan doubtful
+_MOVERS_NS = 600_000_000  # a plan older than this counts as old
+_NEXT_M = 0.4  # distance along its path to the next place of a robot that must wait
 _NOTHING = np.empty((0, 2))
 
 
@@ -54,15 +54,15 @@ class PlanReason(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surroundings:
-    """What navigation is told of the robot's own knowledge in one period.
+    """What navigation receives in one period about the robot's surroundings.
 
     Attributes:
         new_scan: Whether a scan came in this period.
-        movers: What moves; None if nothing is known to.
-        standing_m: What stands there although no scan shows it, (k, 2) in map, m: first with all
-            that is guessed of it, then without; ``[None]`` for a robot without a camera.
-        view: Gives the map as a planner sees it: called with a place (2,) that it must cover and
-            one of ``standing_m``.
+        movers: The tracked movers; None if no mover is known.
+        standing_m: Obstacles that no scan shows, (k, 2) in map, m: first with all guesses about
+            them, then without; ``[None]`` for a robot without a camera.
+        view: Returns the map as a planner sees it, for a place (2,) that the view must cover and
+            one item of ``standing_m``.
     """
 
     new_scan: bool
@@ -73,14 +73,14 @@ class Surroundings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Progress:
-    """How far the robot has come on its path.
+    """How far the robot has moved along its path.
 
     Attributes:
-        path: The path that is followed; None if there is none.
-        next_sample: The first sample of the path that is still to come.
-        is_old: Whether the watchdog finds the path too old.
-        may_plan: Whether the robot is to plan at all: it has a map, has not arrived and is
-            not freeing itself.
+        path: The path that the robot follows; None if there is none.
+        next_sample: Index of the first sample of the path that lies ahead.
+        is_old: Whether the watchdog considers the path too old.
+        may_plan: Whether the robot may plan: it has a map, has not arrived and is not freeing
+            itself.
     """
 
     path: SmoothPath | None
@@ -91,7 +91,7 @@ class Progress:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pending:
-    """A plan that is charged with the time that planning takes."""
+    """A plan that becomes available when its planning time has passed."""
 
     due_ns: int
     plan: Plan
@@ -99,11 +99,11 @@ class _Pending:
 
 
 class Navigator:
-    """Plans, and gives a new path when there is one.
+    """Plans, and returns a new path when there is one.
 
     Attributes:
-        messages: What there is to publish of this period; cleared by the caller.
-        path_ns: When the last path was taken up, ns.
+        messages: The messages to publish in this period; the caller clears them.
+        path_ns: Time when the robot took up the last path, ns.
     """
 
     def __init__(
@@ -115,7 +115,7 @@ class Navigator:
         profiler: Profiler,
         has_camera: bool = False,
     ) -> None:
-        """goal: (2,) in map, m."""
+        """Create the navigator for a goal (2,) in map, m."""
         if has_camera:
             config = _with_camera(config)
         self._config = config
@@ -140,22 +140,22 @@ class Navigator:
 
     @property
     def goal_moves(self) -> bool:
-        """Whether the robot was ever told of a goal that moves."""
+        """Whether the robot has ever had a reading of a moving goal."""
         return self._goal.moves
 
     def hear_goal(self, reading: GoalReading) -> None:
-        """Take news of the goal.
+        """Update the goal with a reading.
 
         Args:
-            reading: Where it is.
+            reading: The measured position of the goal.
         """
         self._goal.update(reading)
 
     def goal_at(self, t_ns: int) -> FloatArray:
-        """Say where the goal is at an instant.
+        """Predict where the goal is at a time.
 
         Args:
-            t_ns: The instant, ns.
+            t_ns: The time, ns.
 
         Returns:
             (2,) in map, m.
@@ -163,7 +163,7 @@ class Navigator:
         return self._goal.position_at(t_ns)
 
     def note_surfaces(self, surfaces_m: FloatArray) -> None:
-        """Take what is new in the map, to be checked against the path.
+        """Add new surfaces of the map, to be checked against the path.
 
         Args:
             surfaces_m: (k, 2) in map, m.
@@ -171,24 +171,24 @@ class Navigator:
         self._unchecked.append(surfaces_m)
 
     def forget(self) -> None:
-        """Drop the plan: the robot stands elsewhere than was believed."""
+        """Drop the plan, because the robot is not where it believed to be."""
         self._plan = self._pending = None
         self._unchecked.clear()
 
     def distrust_narrow_gaps(self) -> None:
-        """Try no gap below the safety distance from now on: the robot got stuck."""
+        """Stop trying gaps below the safety distance, because the robot got stuck."""
         self._planner.stop_trying_tight_gaps()
 
     def step(self, estimate: Estimate, now: Surroundings, progress: Progress) -> Plan | None:
         """Plan if there is a reason to.
 
         Args:
-            estimate: The belief now.
-            now: What is known of the surroundings.
-            progress: How far the robot has come.
+            estimate: The present belief.
+            now: The robot's surroundings.
+            progress: How far the robot has moved along its path.
 
         Returns:
-            The plan that is to be followed from now on, if there is a new one: `smooth` it.
+            The plan to follow from now on, if there is a new one; pass it on with `smooth`.
         """
         reason = self._reason_to_plan(estimate, now, progress)
         if reason is not None:
@@ -198,11 +198,11 @@ class Navigator:
         return self._pending.plan
 
     def smooth(self, estimate: Estimate, reverses: bool) -> SmoothPath:
-        """Take up the plan that `step` returned.
+        """Take up the plan that `step` returned and smooth it.
 
         Args:
-            estimate: The belief now.
-            reverses: Whether the robot goes rear first.
+            estimate: The present belief.
+            reverses: Whether the robot drives rear first.
 
         Returns:
             The smooth path to follow.
@@ -215,16 +215,16 @@ class Navigator:
             path = self._smoother.smooth(pending.plan, pending.view, pose)
         self.messages.append(path)
         if pending.plan.safe and not path.safe:
-            text = "the smoothed path comes nearer to something than the safety distance"
+            text = "the smoothed path is closer to an obstacle than the safety distance"
             self.messages.append(Event(estimate.t_ns, "info", text))
         return path
 
     def next_place(self, pose: FloatArray, progress: Progress) -> FloatArray | None:
-        """Find the first place of the path ahead that is a little away from the robot.
+        """Find the first place of the path ahead that is not too near to the robot.
 
         Args:
             pose: (3,) of base_link in map, m, m, rad.
-            progress: How far the robot has come.
+            progress: How far the robot has moved along its path.
 
         Returns:
             (2,) in map, m; None without a path.
@@ -238,7 +238,7 @@ class Navigator:
     def _reason_to_plan(
         self, estimate: Estimate, now: Surroundings, progress: Progress
     ) -> PlanReason | None:
-        """Why to plan now: a frame is due, the path ahead is blocked, or there is none yet."""
+        """Return why to plan now; None if there is no reason to."""
         if not progress.may_plan or self._pending is not None:
             return None
         if self._plan is None:
@@ -256,13 +256,13 @@ class Navigator:
         return PlanReason.STALE if progress.is_old else None
 
     def _is_near_movers(self, estimate: Estimate, movers: MoverTracks | None) -> bool:
-        """Whether something moves so near that a plan of a while ago may lead into its way."""
+        """Whether a mover is so near that an older plan may lead into its way."""
         if movers is None or estimate.t_ns - self._planned_ns < _MOVERS_NS:
             return False
         return bool((np.hypot(*(movers.position_m - estimate.pose[:2]).T) < _MOVERS_M).any())
 
     def _is_blocked(self, estimate: Estimate, progress: Progress) -> bool:
-        """Whether what came into the map since the plan's view stands in the path's way."""
+        """Whether surfaces that are newer than the plan's view block the path."""
         path = progress.path
         if path is None or self._plan is None:
             return False
@@ -285,7 +285,7 @@ class Navigator:
             )
 
     def _replan(self, estimate: Estimate, reason: PlanReason, now: Surroundings) -> None:
-        """Plan with all that is guessed to stand there and, if that leaves no way, without."""
+        """Plan with all guessed obstacles; if that gives no safe plan, plan without them."""
         self._unchecked.clear()
         pose, t_ns, spent = estimate.pose, estimate.t_ns, 0
         for standing in now.standing_m:
@@ -303,21 +303,21 @@ class Navigator:
         self._planned_ns = t_ns
         self._pending = _Pending(t_ns + self._latency_ns(plan), plan, view)
         self.messages += [plan, view]
-        # What moves may close a way off, and clears it again.
+        # A mover may close a way off and clear it again, so it is no reason to give the goal up.
         stands_still = now.movers is None
         if stands_still and self._feasibility.update(still, pose, goal, plan.safe):
-            text = "the goal cannot be reached: what is known closes it off"
+            text = "the goal cannot be reached: known obstacles close it off"
             self.messages.append(Event(t_ns, "warning", text))
         if not plan.safe:
-            text = "no safe path found; going on with the best"
+            text = "no safe path found; continuing with the best path"
             self.messages.append(Event(t_ns, "warning", text))
 
     def _find_way(
         self, view: WorldView, pose: FloatArray, goal: FloatArray, reason: PlanReason
     ) -> tuple[Plan, WorldView]:
-        """The plan from ``pose`` (3,) to ``goal`` (2,), and the view that it was found in."""
+        """Return the plan from ``pose`` (3,) to ``goal`` (2,), and the view that it was made in."""
         plan = self._planner.plan(view, pose, goal, self._plan, reason)
-        if plan.safe or view.movers is not None:  # what moves clears the way again
+        if plan.safe or view.movers is not None:  # a mover will clear the way again
             return plan, view
         wider = with_free_rim(view)
         other = self._planner.plan(wider, pose, goal, self._plan, reason)
@@ -327,7 +327,7 @@ class Navigator:
         return replace(plan, evaluations=spent), view
 
     def _latency_ns(self, plan: Plan) -> int:
-        """The simulated time that planning takes: given, never measured."""
+        """Return the simulated planning time, ns: it comes from the settings, not from a clock."""
         planner = self._config.planner
         runs = plan.evaluations if planner.latency == "per_evaluation" else 1
         period = round(self._config.rates.control_s * 1e9)
@@ -335,20 +335,20 @@ class Navigator:
 
 
 def plan_heading(plan: Plan) -> float:
-    """Compute where a plan leads at its start.
+    """Compute the heading at the start of a plan.
 
     Args:
-        plan: The plan, at least two waypoints.
+        plan: The plan, with at least two waypoints.
 
     Returns:
-        The heading of its first leg, rad, in map.
+        Heading of the plan's first leg, rad, in map.
     """
     ahead, aside = (plan.waypoints_m[1] - plan.waypoints_m[0]).tolist()
     return math.atan2(aside, ahead)
 
 
 def _with_camera(config: Config) -> Config:
-    """The settings with the lead-in that a robot with a camera takes: it turns first."""
+    """Return the settings for a robot with a camera, which turns on the spot at smaller angles."""
     smoother = config.smoother
     turn = min(smoother.lead_in_max_turn_rad, smoother.lead_in_max_turn_with_camera_rad)
     return replace(config, smoother=replace(smoother, lead_in_max_turn_rad=turn))

@@ -1,10 +1,10 @@
-"""The planner's world: the map's view with what moves in it, and with free space about it.
+"""The planner's world: the map's view with the predicted movers in it and free space around it.
 
-A robot that sets out at its cruising speed is, t seconds later, on a circle of radius v t about its
-start. A mover is in its way where the mover's course crosses that circle: earlier the robot is not
-there yet, later it has gone by. So each mover stands in the planner's world where it will be about
-then, and every planner that keeps clear of obstacles keeps clear of it in time as well. (The
-time-space view of moving obstacles is Fujimura & Samet's, 1989; the circle keeps it in the plane.)
+A robot that starts at its cruising speed v is, after t seconds, on a circle of radius v t about its
+start. It meets a mover where the mover's course crosses that circle: before that time the robot has
+not yet arrived, after it the robot has passed. Each mover is therefore put where it will be at
+about that time. Every planner that keeps clear of obstacles then also keeps clear of movers. (The
+time-space view of moving obstacles is Fujimura & Samet's, 1989; the circle reduces it to a plane.)
 """
 
 from __future__ import annotations
@@ -19,28 +19,28 @@ from numpy.typing import NDArray
 from simloop.messages import FloatArray, MoverTracks, WorldView
 
 RIM_M = 0.8
-"""Wide enough for a way around whatever stands at the edge of the grid."""
+"""Width of the free rim, m: room for a way around any obstacle at the edge of the grid."""
 
 
-_HORIZON_S = 4.0  # predictions further ahead are mostly wrong
-_BEFORE_S, _AFTER_S = 0.3, 0.7  # about the meeting: the robot may be slower than it expects
-_STEP_M = 0.05  # between the discs that stand for one mover
-_GROWS_MPS = 0.05  # of these discs with the time ahead
+_HORIZON_S = 4.0  # a later meeting is ignored: such predictions are mostly wrong
+_BEFORE_S, _AFTER_S = 0.3, 0.7  # time span about the meeting: the robot may be slower than expected
+_STEP_M = 0.05  # distance between the discs that represent one mover
+_GROWS_MPS = 0.05  # growth of the discs' radius with the prediction time
 
 
 def meeting_time(
     place: FloatArray, velocity: FloatArray, start: FloatArray, speed_mps: float
 ) -> float | None:
-    """Compute when a mover and the robot have come equally far from the robot's start.
+    """Compute when a mover is as far from the robot's start as the robot itself.
 
     Args:
-        place: (2,) of the mover, in map, m.
-        velocity: (2,) of the mover, in map, m/s.
-        start: (2+,) of the robot, in map, m.
-        speed_mps: Of the robot, m/s.
+        place: (2,) position of the mover, in map, m.
+        velocity: (2,) velocity of the mover, in map, m/s.
+        start: (2+,) start of the robot, in map, m.
+        speed_mps: Speed of the robot, m/s.
 
     Returns:
-        Seconds from now; None if never.
+        Time from now, s; None if that never happens.
     """
     x, y = place[0] - start[0], place[1] - start[1]
     vx, vy = float(velocity[0]), float(velocity[1])
@@ -58,16 +58,16 @@ def meeting_time(
 def add_predicted_movers(
     view: WorldView, tracks: MoverTracks | None, start: FloatArray, speed_mps: float
 ) -> WorldView:
-    """Put what moves into a view where the robot would meet it.
+    """Add the movers to a view, where the robot would meet them.
 
     Args:
         view: The map's view.
-        tracks: What moves; None if nothing is known to.
+        tracks: The tracked movers; None if no mover is known.
         start: (3,) pose of the robot, in map, m, m, rad.
-        speed_mps: Its cruising speed, m/s.
+        speed_mps: Cruising speed of the robot, m/s.
 
     Returns:
-        The view with the movers as discs, in its distance field too; the same view without any.
+        The view with the movers as discs and in its distance field; the same view without movers.
     """
     if tracks is None or view.distance_m.size == 0:
         return view
@@ -104,8 +104,8 @@ def put_discs(
 
     Args:
         distance: (rows, cols) distances at the cells' centres, m.
-        x0: Lower left corner of cell (0, 0) in map, m.
-        y0: The same in y, m.
+        x0: x of the lower left corner of cell (0, 0), in map, m.
+        y0: y of that corner, in map, m.
         resolution: Size of a cell, m.
         discs: (n, 3) x, y, radius in map, m.
     """
@@ -123,12 +123,13 @@ def put_discs(
 def with_free_rim(view: WorldView) -> WorldView:
     """Surround a view's grid with ``RIM_M`` of free space.
 
-    Planners take the distances beyond the grid to be those of its nearest cell, so that a wall at
-    the edge of what has been seen stands, for them, all the way out. Mostly that is right: what
-    shines through behind the walls of a room is no way. Where it leaves no other, it may be one.
+    Planners extend the grid with the distances of its nearest cells, so a wall at the edge of the
+    known area continues outwards for them. That is mostly right: free cells seen behind the walls
+    of a room are no way. If there is no other way, they may be one.
 
-    No obstacle lies outside, and the grid is convex: a place a metres from its nearest cell, which
-    is d metres from an obstacle, is at least hypot(a, d) from all of them.
+    No obstacle lies outside the grid, and the grid is convex. A place that is a metres from its
+    nearest cell, where that cell is d metres from an obstacle, is therefore at least hypot(a, d)
+    from all obstacles.
 
     Args:
         view: The map's view.
@@ -151,6 +152,6 @@ def with_free_rim(view: WorldView) -> WorldView:
 
 
 def _beyond(cells: int, rim: int) -> np.ndarray:
-    """(cells + 2 rim,) how many cells each lies beyond a row of ``cells``."""
+    """Return (cells + 2 rim,) how far each cell lies beyond a row of ``cells``, in cells."""
     place = np.arange(-rim, cells + rim)
     return np.maximum(0, np.maximum(-place, place - cells + 1)).astype(float)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING, Protocol
 
-if TYPE_CHECKING:  # `simloop list` reads the registry and shall not wait for numpy
+if TYPE_CHECKING:  # `simloop list` reads the registry and must not wait for numpy
     import numpy as np
 
     from simloop.messages import FloatArray, Plan, WorldView
@@ -17,16 +17,16 @@ class WorldKind(StrEnum):
 
     DISCS = "discs"
     POLYGONS = "polygons"
-    """Convex polygons, and discs beside them."""
+    """Convex polygons, possibly with discs."""
     FIELD = "field"
-    """A distance field; its discs, if any, describe the same obstacles."""
+    """A distance field; discs, if any, describe the same obstacles."""
 
 
 def kind_of(world: WorldView) -> WorldKind:
-    """Return the kind of a view: the richest description that it holds.
+    """Return the kind of a view, which is the richest description that it holds.
 
     Args:
-        world: The view to look at.
+        world: The view.
 
     Returns:
         ``FIELD`` if it has a distance field, else ``POLYGONS`` if it has any, else ``DISCS``.
@@ -38,15 +38,15 @@ def kind_of(world: WorldView) -> WorldKind:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanningTask:
-    """Everything that one plan depends on, apart from the planner's settings and its generator.
+    """All inputs of one plan, except the planner's settings and its random generator.
 
     Attributes:
         world: What is known of the obstacles, in map.
         start: (3,) x, y, yaw of base_link in map, m, m, rad.
         goal: (2,) x, y in map, m.
-        safe_distance_m: Distance that the path has to keep from every obstacle, m.
-        previous: The last plan, from which a planner may start warm.
-        reason: Why a plan is asked for; the plan repeats it.
+        safe_distance_m: Distance that the path must keep from every obstacle, m.
+        previous: The last plan; a planner may start from it.
+        reason: Why the robot plans; the plan repeats it.
     """
 
     world: WorldView
@@ -60,7 +60,7 @@ class PlanningTask:
 class Planner(Protocol):
     """Plans a polyline through a view of the world.
 
-    A planner keeps no state between two calls except scratch buffers, so that one planner may
+    A planner keeps no state between two calls except scratch buffers. One planner can therefore
     serve several safe distances in turn.
     """
 
@@ -70,10 +70,10 @@ class Planner(Protocol):
         """Plan a path for a task.
 
         Args:
-            task: Where to plan, from where to where, and how far from the obstacles.
+            task: The obstacles, the start, the goal and the safe distance.
             rng: The only source of randomness.
 
         Returns:
-            A plan, always. If no safe path was found it is the best one, with ``safe=False``.
+            A plan in any case. If no safe path was found, it is the best one, with ``safe=False``.
         """
         ...

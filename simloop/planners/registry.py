@@ -1,6 +1,6 @@
-"""The planners that can be asked for by name, and what each of them is.
+"""Registry of the planners: their names and properties.
 
-A planner's module is imported only when the planner is made, so that listing them is quick.
+A planner's module is imported only when the planner is made, so listing the planners is quick.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from simloop.planners.protocol import Planner, WorldKind
 _ALL_WORLDS = tuple(WorldKind)
 _ALL_CHANGES = ("shift", "rotate", "mirror", "scale")
 _NOT_TURNED = ("shift", "mirror", "scale")
-"""What rules claim that treat x and y one by one."""
+"""Invariances of rules that treat x and y separately."""
 _RULES = "simloop.planners.metaheuristics"
 _REACTIVE = "simloop.planners.reactive"
 _REFERENCE = "simloop.planners.reference"
@@ -24,25 +24,25 @@ _REFERENCE = "simloop.planners.reference"
 
 @dataclass(frozen=True, slots=True)
 class PlannerInfo:
-    """What is known of a planner without importing it.
+    """Properties of a planner that are known without importing it.
 
     Attributes:
-        name: What ``planner.name`` has to be to get it.
-        factory: ``module:Class``. The class takes (PlannerConfig, VehicleConfig); that of an
+        name: Value of ``planner.name`` that selects it.
+        factory: ``module:Class``. The class takes (PlannerConfig, VehicleConfig). The class of an
             update rule is wrapped by `population_planner.PopulationPlanner`.
-        summary: One line about it.
-        worlds: The kinds of world that it can plan in. In a distance field a planner that needs
-            discs takes the view's discs instead.
+        summary: One-line description.
+        worlds: The kinds of world that it can plan in. In a distance field, a planner that needs
+            discs uses the view's discs instead.
         stochastic: Whether another seed may give another plan.
-        stepwise: Whether it walks step by step and so can be let loose in a world that moves; it
-            then has a method ``steering()``.
+        stepwise: Whether it walks step by step and can therefore be tested among moving obstacles;
+            it then has a method ``steering()``.
         update_rule: Whether the class is an update rule (`population.Rule`), not a planner.
         metaheuristic: Whether it searches with a population of whole paths.
         slow: Whether one plan may take seconds.
-        options: The keys that ``[planner.options]`` may hold; every update rule also takes those
-            of `population_planner.Setup`.
-        invariances: Changes of the world (shift, rotate, mirror, scale) under which its results
-            are claimed to agree; held by a test.
+        options: The allowed keys of ``[planner.options]``; every update rule also takes those of
+            `population_planner.Setup`.
+        invariances: Changes of the world (shift, rotate, mirror, scale) that do not change its
+            results; a test checks them.
     """
 
     name: str
@@ -65,7 +65,7 @@ def _rule(
     *options: str,
     invariances: tuple[str, ...] = _NOT_TURNED,
 ) -> PlannerInfo:
-    """An update rule in the folder of the metaheuristics."""
+    """Make the entry of an update rule in the folder of the metaheuristics."""
     return PlannerInfo(
         name,
         f"{_RULES}.{factory}",
@@ -215,7 +215,7 @@ _PLANNERS = (
         "step by step, by a fuzzy controller tuned by wind driven optimisation",
         stepwise=True,
         slow=True,
-        invariances=("shift", "rotate", "scale"),  # its rules turn left where nothing else decides
+        invariances=("shift", "rotate", "scale"),  # its rules turn left when nothing else decides
     ),
     PlannerInfo(
         "exact",
@@ -275,7 +275,7 @@ def available() -> tuple[str, ...]:
 
 
 def info(name: str) -> PlannerInfo:
-    """Return what is known of a planner.
+    """Return the properties of a planner.
 
     Args:
         name: One of `available`.
@@ -284,7 +284,7 @@ def info(name: str) -> PlannerInfo:
         Its entry in the registry.
 
     Raises:
-        ValueError: If there is no planner of that name; the message lists the names.
+        ValueError: If no planner has that name; the message lists the names.
     """
     if name not in _BY_NAME:
         known = ", ".join(sorted(_BY_NAME))
@@ -293,7 +293,7 @@ def info(name: str) -> PlannerInfo:
 
 
 def load(name: str) -> Any:
-    """Import a planner's class, or an update rule's.
+    """Import the class of a planner or of an update rule.
 
     Args:
         name: One of `available`.
@@ -302,21 +302,21 @@ def load(name: str) -> Any:
         The class that ``info(name).factory`` names.
 
     Raises:
-        ValueError: If there is no planner of that name.
+        ValueError: If no planner has that name.
     """
     module, _, attribute = info(name).factory.partition(":")
     return getattr(importlib.import_module(module), attribute)
 
 
 def check_options(name: str, options: dict[str, Any]) -> None:
-    """Refuse options that a planner does not know, or values that they cannot have.
+    """Check the options of a planner: unknown keys and invalid values are errors.
 
     Args:
         name: One of `available`.
         options: The keys and values of ``[planner.options]``.
 
     Raises:
-        ValueError: One line that says which option is wrong and what is allowed.
+        ValueError: If an option is wrong; the message says which one and what is allowed.
     """
     if info(name).update_rule:
         from simloop.planners.metaheuristics.population_planner import read_options
@@ -327,17 +327,17 @@ def check_options(name: str, options: dict[str, Any]) -> None:
 
 
 def make_planner(config: PlannerConfig, vehicle: VehicleConfig) -> Planner:
-    """Make the planner that a config asks for.
+    """Make the planner that a config selects.
 
     Args:
-        config: ``config.name`` chooses the planner; the rest are its settings.
-        vehicle: The robot's measures; planners need its footprint.
+        config: ``config.name`` selects the planner; the rest are its settings.
+        vehicle: The robot's dimensions; planners need its footprint.
 
     Returns:
         A planner, ready to plan.
 
     Raises:
-        ValueError: If there is no planner of that name; the message lists the names.
+        ValueError: If no planner has that name; the message lists the names.
     """
     found = load(config.name)
     if info(config.name).update_rule:

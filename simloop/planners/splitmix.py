@@ -1,6 +1,6 @@
-"""A small random generator for compiled kernels: SplitMix64 (Steele, Lea, Flood 2014).
+"""SplitMix64: a small random generator for compiled kernels (Steele, Lea, Flood 2014).
 
-It is seeded from the numpy Generator that a stage is given, so that one seed decides everything.
+It is seeded from the numpy Generator of the caller, so one seed determines all random numbers.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ def make_state(rng: np.random.Generator) -> State:
     """Draw the state of a new generator.
 
     Args:
-        rng: Where the seed is drawn from.
+        rng: Generator that the seed is drawn from.
 
     Returns:
-        (1,) uint64, the state; the kernels advance it in place.
+        (1,) uint64 state; the kernels advance it in place.
     """
     return rng.integers(0, 2**64, size=1, dtype=np.uint64)
 
@@ -34,7 +34,7 @@ def uniform(state: State) -> float:
         state: (1,) the generator's state; advanced.
 
     Returns:
-        The number.
+        The number drawn.
     """
     state[0] += np.uint64(0x9E3779B97F4A7C15)
     z = state[0]
@@ -50,23 +50,23 @@ def below(state: State, n: int) -> int:
 
     Args:
         state: (1,) the generator's state; advanced.
-        n: How many integers there are to choose from.
+        n: Upper limit, exclusive.
 
     Returns:
-        The integer.
+        The integer drawn.
     """
     return int(uniform(state) * n)
 
 
 @njit(cache=True)
 def normal(state: State) -> float:
-    """Draw from the standard normal distribution (Box-Muller, one of the pair).
+    """Draw from the standard normal distribution (Box-Muller; the second of the pair is dropped).
 
     Args:
         state: (1,) the generator's state; advanced twice.
 
     Returns:
-        The number.
+        The number drawn.
     """
     radius = math.sqrt(-2.0 * math.log(1.0 - uniform(state)))
     return radius * math.cos(2.0 * math.pi * uniform(state))

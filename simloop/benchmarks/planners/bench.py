@@ -1,4 +1,4 @@
-"""``simloop bench planners``: runs every planner on every scene and compares them."""
+"""``simloop bench planners``: run every planner on every scene and compare them."""
 
 from __future__ import annotations
 
@@ -51,17 +51,17 @@ _LEAD_PLANS = {LEAD: judge.PLANS, PRECISE: judge.PLANS_PRECISE}
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What to measure.
+    """Settings of a comparison.
 
     Attributes:
         scenes: Names of scenes or map files; empty: all built-in scenes.
         planners: Names of planners; empty: all whose libraries are installed.
-        budget: Most evaluations of a plan.
+        budget: Largest number of evaluations per plan.
         seeds: Least number of plans for each planner and scene. None: `SEEDS`, or `SEEDS_SLOW` for
             slow planners, and the lead planner is measured on S1 to S4 by `judge.measure`.
         learners: Size of the first population.
         workers: Number of processes; 0: one for each core.
-        history: Whether planners that keep no history are run again with smaller budgets for one.
+        history: Whether planners without a history are run again with smaller budgets to get one.
     """
 
     scenes: tuple[str, ...] = ()
@@ -97,7 +97,7 @@ class Result:
     """Everything that was measured.
 
     Attributes:
-        request: What was asked for.
+        request: The settings of the comparison.
         tasks: The tasks of all scenes.
         trials: Scene -> trials of all planners.
         ms: Scene and planner -> planning times, ms.
@@ -113,7 +113,7 @@ class Result:
     interrupted: bool = False
 
     def trials_of(self, scene: str, planner: str) -> list[Trial]:
-        """A planner's trials on a scene.
+        """Collect a planner's trials on a scene.
 
         Args:
             scene: Name of the scene.
@@ -125,7 +125,7 @@ class Result:
         return [trial for trial in self.trials.get(scene, []) if trial.planner == planner]
 
     def best_costs(self, scene: str) -> dict[str, float | None]:
-        """The best known J of each instance of a scene.
+        """Collect the best known J of each instance of a scene.
 
         Args:
             scene: Name of the scene.
@@ -136,7 +136,7 @@ class Result:
         return {task.instance.name: task.best for task in self.tasks if task.scene == scene}
 
     def scenes(self) -> list[str]:
-        """The scenes in the order of the request.
+        """List the scenes in the order of the request.
 
         Returns:
             Names of the scenes.
@@ -144,7 +144,7 @@ class Result:
         return list(dict.fromkeys(task.scene for task in self.tasks))
 
     def planners(self, scene: str) -> list[str]:
-        """The planners that have trials on a scene.
+        """List the planners that have trials on a scene.
 
         Args:
             scene: Name of the scene.
@@ -169,7 +169,7 @@ def names(given: list[str] | None) -> tuple[str, ...]:
 
 
 def planner_names() -> tuple[str, ...]:
-    """The planners that can be compared.
+    """List the planners that can be compared.
 
     Returns:
         Names, whether or not their libraries are installed.
@@ -178,7 +178,7 @@ def planner_names() -> tuple[str, ...]:
 
 
 def available_planners() -> tuple[str, ...]:
-    """The planners whose libraries are installed.
+    """List the planners whose libraries are installed.
 
     Returns:
         Their names.
@@ -195,7 +195,7 @@ def available_planners() -> tuple[str, ...]:
 
 
 def is_metaheuristic(name: str) -> bool:
-    """Whether a planner is a metaheuristic that the lead planner is compared with.
+    """Tell whether a planner is a metaheuristic that the lead planner is compared with.
 
     Args:
         name: Name of the planner.
@@ -207,14 +207,14 @@ def is_metaheuristic(name: str) -> bool:
 
 
 def run(request: Request, console: Console | None = None) -> Result:
-    """Measure what a request asks for; Ctrl-C ends the measurement early.
+    """Measure everything in a request; Ctrl-C ends the measurement early.
 
     Args:
-        request: What to measure.
-        console: Where to show progress; None: the standard error stream.
+        request: Settings of the comparison.
+        console: Console for the progress; None: the standard error stream.
 
     Returns:
-        What was measured, up to an interrupt.
+        The measurements, up to an interrupt if there is one.
 
     Raises:
         InputError: The request is wrong.
@@ -282,10 +282,10 @@ def _time(result: Result, planners: Sequence[str], bar: Progress) -> None:
 
 
 def figures(result: Result) -> dict[str, Any]:
-    """The figures of a comparison.
+    """Compute the figures of a comparison.
 
     Args:
-        result: What was measured.
+        result: The measurements.
 
     Returns:
         What ``simloop bench planners --json`` writes: scene -> planner -> figures, the comparison
@@ -321,10 +321,10 @@ def comparison(result: Result) -> dict[str, dict[str, Any]]:
     """Compare the lead planner with the other metaheuristics, paired by instance and seed.
 
     Args:
-        result: What was measured.
+        result: The measurements.
 
     Returns:
-        Scene -> rival -> test of the difference. The scene ``S1-S4`` pools the project's own.
+        Scene -> rival -> test of the difference. The scene ``S1-S4`` pools the project's scenes.
     """
     gaps: dict[str, dict[str, Gaps]] = {}
     for scene in result.scenes():
@@ -350,8 +350,8 @@ def print_figures(console: Console, found: dict[str, Any]) -> None:
     """Print one table for each scene, the best planner first.
 
     Args:
-        console: Where to print.
-        found: What `figures` returned.
+        console: Console to print to.
+        found: The figures from `figures`.
     """
     header = [
         "planner",

@@ -1,4 +1,4 @@
-"""Figures of a comparison from its trials: one planner on one scene, and planners against the lead.
+"""Figures of a comparison: one planner on one scene, and all planners against the lead planner.
 
 Gaps are in percent of the best known J. They are gaps of the score, which includes penalties for
 missing clearance and for the distance left to the goal.
@@ -20,14 +20,14 @@ Gaps = dict[tuple[str, int], float]
 
 
 def gaps_of(trials: Sequence[Trial], best: dict[str, float | None]) -> list[float]:
-    """Gaps of trials whose instance has a known best J.
+    """Compute the gaps of trials whose instance has a known best J.
 
     Args:
         trials: Trials.
         best: Instance -> best known J, None if unknown.
 
     Returns:
-        Gaps, %, in the order of the trials; others are left out.
+        Gaps, %, in the order of the trials; trials without a known best J are left out.
     """
     found = []
     for trial in trials:
@@ -43,16 +43,16 @@ def summary(
     ms: Sequence[float],
     measured: dict[str, float] | None = None,
 ) -> dict[str, float | int | None]:
-    """Figures of one planner on one scene.
+    """Compute the figures of one planner on one scene.
 
     Args:
-        trials: Its trials there.
+        trials: The planner's trials on the scene.
         best: Instance -> best known J, None if unknown.
         ms: Planning times, ms.
         measured: Figures from `judge.measure`, which replace those of the same name.
 
     Returns:
-        Figures by name: times in ms, gaps in %, shares from 0 to 1; None where nothing is known.
+        Figures by name: times in ms, gaps in %, shares from 0 to 1; None if unknown.
     """
     gaps = gaps_of(trials, best)
     spread: dict[str, list[float]] = {}
@@ -85,11 +85,11 @@ def compare_with_lead(named: dict[str, Gaps], lead: str) -> dict[str, Any]:
         lead: Name of the lead planner.
 
     Returns:
-        Rival -> what `simloop.evaluation.statistics.compare` finds; empty without common trials.
+        Rival -> result of `simloop.evaluation.statistics.compare`; empty without common trials.
     """
     mine = named.get(lead, {})
     rivals = [name for name in named if name != lead]
-    # The test corrects for the number of rivals, so all of them are judged on the same pairs.
+    # The test corrects for the number of rivals, so all rivals are compared on the same pairs.
     keys = sorted(set(mine).intersection(*[set(keyed) for keyed in named.values()]))
     if not keys or not rivals:
         return {}
@@ -101,7 +101,7 @@ def compare_with_lead(named: dict[str, Gaps], lead: str) -> dict[str, Any]:
 
 
 def rank(figures: dict[str, Any]) -> tuple[float, float]:
-    """The key by which planners are sorted: success first, then the median gap.
+    """Return the sort key of a planner: success first, then the median gap.
 
     Args:
         figures: Figures of a planner on a scene, see `summary`.

@@ -28,9 +28,9 @@ def paths(result: Result, scene: str, columns: int = 6) -> str:
     """Draw the paths on the first instance of a scene, one panel for each planner.
 
     Args:
-        result: What was measured.
+        result: The measurements.
         scene: Name of the scene.
-        columns: Panels in a row.
+        columns: Number of panels in a row.
 
     Returns:
         HTML image; unsafe paths are dashed.
@@ -83,7 +83,7 @@ def curves(result: Result, scene: str) -> str:
     """Draw convergence (median gap over evaluations) and the ECDF of evaluations to the targets.
 
     Args:
-        result: What was measured.
+        result: The measurements.
         scene: Name of the scene.
 
     Returns:
@@ -120,7 +120,7 @@ def _has_curve(name: str) -> bool:
 
 
 def _style(number: int, name: str) -> dict[str, Any]:
-    """Line style of a planner; the lead planner stands out."""
+    """Choose the line style of a planner; the lead planner is highlighted."""
     if name == LEAD:
         return {"color": _LEAD_COLOUR, "lw": 2.4, "label": name, "zorder": 9}
     colour = matplotlib.colormaps["tab20"](number % 20)
@@ -132,7 +132,7 @@ def spread(result: Result, scene: str) -> str:
     """Draw the gaps of each planner as box plots, the best median on top.
 
     Args:
-        result: What was measured.
+        result: The measurements.
         scene: Name of the scene.
 
     Returns:
@@ -189,7 +189,7 @@ def weights(done: Study) -> str:
 
 
 def _svg(figure: Figure) -> str:
-    """A figure as SVG without XML header and date, so that equal data give equal text."""
+    """Convert a figure to SVG without XML header and date, so that equal data give equal text."""
     out = io.StringIO()
     figure.savefig(out, format="svg", metadata={"Date": None})
     text = out.getvalue()

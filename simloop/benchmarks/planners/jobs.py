@@ -1,4 +1,4 @@
-"""Divides the planner benchmark into jobs and does them, on several processes if asked to."""
+"""Divide the planner benchmark into jobs and run them, on several processes if requested."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ class Job:
         task: The task's index in the benchmark's list of tasks.
         planner: The planner's name.
         seeds: The seed of each trial.
-        budget: How many evaluations of the objective each plan may use.
+        budget: Number of evaluations of the objective that each plan may use.
         learners: The size of a population.
-        history: Whether the best cost is kept as a function of the evaluations.
+        history: Whether the best cost is stored as a function of the evaluations.
     """
 
     task: int
@@ -57,11 +57,11 @@ def make_jobs(
     Args:
         tasks: The tasks: all instances of all scenes.
         planners: The planners' names.
-        seeds: How many plans each planner makes on each scene, at least.
-        budget: How many evaluations of the objective each plan may use.
+        seeds: Least number of plans of each planner on each scene.
+        budget: Number of evaluations of the objective that each plan may use.
         learners: The size of a population.
-        history: Whether the trials keep the best cost as a function of the evaluations.
-        few: The most plans of a slow planner on each instance. None: no limit.
+        history: Whether the trials store the best cost as a function of the evaluations.
+        few: Largest number of plans of a slow planner on each instance. None: no limit.
 
     Returns:
         The jobs, task by task.
@@ -81,7 +81,7 @@ def make_jobs(
 
 
 def do_job(job: Job, one: Instance) -> list[Trial]:
-    """Do the trials of one job.
+    """Run the trials of one job.
 
     Args:
         job: The job.
@@ -97,14 +97,14 @@ def do_job(job: Job, one: Instance) -> list[Trial]:
 def run_jobs(
     jobs: Sequence[Job], tasks: Sequence[Task], *, workers: int
 ) -> Iterator[tuple[Job, list[Trial]]]:
-    """Do the jobs and give the trials of each as soon as it is finished.
+    """Run the jobs and yield the trials of each job as soon as it is finished.
 
-    On KeyboardInterrupt the jobs that are not finished are given up and the workers are ended.
+    On KeyboardInterrupt the unfinished jobs are dropped and the workers are ended.
 
     Args:
         jobs: The jobs.
-        tasks: The tasks that the jobs number.
-        workers: The number of processes. With 1, the jobs are done in this process, in order.
+        tasks: The tasks that the jobs refer to by index.
+        workers: The number of processes. With 1, the jobs run in this process, in order.
 
     Yields:
         Pairs of a job and its trials.

@@ -1,6 +1,6 @@
-"""Rating of a planned path by its waypoints alone: J, clearance and arrival at the goal.
+"""Judge: rate a planned path by its waypoints alone, with J, clearance and arrival at the goal.
 
-The code shares nothing with the planners' kernels, so that it can find their faults.
+The code is independent of the planners' kernels, so it can find their faults.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from simloop.planners.reference.exact import exact_path
 from simloop.planners.registry import make_planner
 
 PLANS = 1000
-"""Plans for each scene when the lead planner is measured."""
+"""Number of plans for each scene when the lead planner is measured."""
 PLANS_PRECISE = 200
-"""The same with its precise setting."""
+"""Number of these plans with the precise setting."""
 _CHECK_STEP_M = 1e-3
 _POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))
 AT_GOAL_M = 1e-6
-"""Distance from the goal within which a path has reached it, m."""
+"""Distance from the goal within which a path counts as arrived, m."""
 _SAMPLE_M = 1e-3
-_CHUNK = 20_000  # samples x boxes
+_CHUNK = 20_000  # samples x boxes in one chunk
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ class Verdict:
             distance left to the goal, so that an unsafe path never wins.
         length_m: Length, m.
         turning_rad: Summed turning, rad.
-        safe: Whether the path keeps the safe distance, to `SAFE_WITHIN_M`.
+        safe: Whether the path keeps the safe distance, with the tolerance `SAFE_WITHIN_M`.
         reached: Whether it ends at the goal.
     """
 
@@ -56,7 +56,7 @@ class Verdict:
 
     @property
     def success(self) -> bool:
-        """Safe from start to goal."""
+        """Whether the path is safe and reaches the goal."""
         return self.safe and self.reached
 
 
@@ -86,7 +86,7 @@ def judge(instance: Instance, path: FloatArray) -> Verdict:
 
 
 def clearance(instance: Instance, path: FloatArray) -> float:
-    """Least distance of a path from any obstacle.
+    """Compute the least distance of a path from any obstacle.
 
     It is exact among discs and polygons, and sampled every millimetre among boxes.
 
@@ -111,7 +111,7 @@ def clearance(instance: Instance, path: FloatArray) -> float:
 
 
 def _to_segments(points: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
-    """Distances (S, N) from points (N, 2) to segments a-b (S, 2), m."""
+    """Compute the distances (S, N) from points (N, 2) to segments a-b (S, 2), m."""
     step = b - a
     square = np.maximum((step**2).sum(axis=1), 1e-300)[:, None]
     from_a = points[None] - a[:, None]
@@ -122,7 +122,7 @@ def _to_segments(points: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray
 
 
 def _polygon_clearance(polygon: FloatArray, a: FloatArray, b: FloatArray) -> float:
-    """Distance from segments to a polygon (N, 2) of either orientation, m; 0 if they meet."""
+    """Compute the distance from segments to a polygon (N, 2), m; 0 if they meet."""
     c, d = polygon, np.roll(polygon, -1, axis=0)
     ends = np.concatenate([a, b[-1:]])
     if _inside(polygon, ends).any() or _cross(a, b, c, d).any():
@@ -131,7 +131,7 @@ def _polygon_clearance(polygon: FloatArray, a: FloatArray, b: FloatArray) -> flo
 
 
 def _cross(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> np.ndarray:
-    """Which segments a-b (S, 2) cross which edges c-d (N, 2), as (S, N)."""
+    """Tell which segments a-b (S, 2) cross which edges c-d (N, 2), as (S, N)."""
 
     def side(p: FloatArray, q: FloatArray, r: FloatArray) -> FloatArray:
         u, v = q - p, r - p
@@ -144,7 +144,7 @@ def _cross(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> np.nda
 
 
 def _inside(polygon: FloatArray, points: FloatArray) -> np.ndarray:
-    """Which points (N, 2) lie in a polygon, as (N,): an odd number of edges is on their right."""
+    """Tell which points (N, 2) are in a polygon, as (N,): an odd number of edges on their right."""
     c, d = polygon[None], np.roll(polygon, -1, axis=0)[None]
     x, y = points[:, None, 0], points[:, None, 1]
     spans = (c[..., 1] > y) != (d[..., 1] > y)
@@ -154,7 +154,10 @@ def _inside(polygon: FloatArray, points: FloatArray) -> np.ndarray:
 
 
 def _box_clearance(instance: Instance, a: FloatArray, b: FloatArray) -> float:
-    """Distance from segments to the boxes within twice the safe distance, by samples, m."""
+    """Compute the distance from segments to the boxes near them, by samples, m.
+
+    Only boxes within twice the safe distance count.
+    """
     boxes, reach, worst = instance.boxes_m, 2.0 * instance.safe_m, np.inf
     for p, q in zip(a, b, strict=True):
         low, high = np.minimum(p, q) - reach, np.maximum(p, q) + reach
@@ -164,7 +167,7 @@ def _box_clearance(instance: Instance, a: FloatArray, b: FloatArray) -> float:
             continue
         count = 2 + int(np.hypot(*(q - p)) / _SAMPLE_M)
         points = p + np.linspace(0.0, 1.0, count)[:, None] * (q - p)
-        # In chunks, because the table of samples by boxes may not fit into memory.
+        # Work in chunks, because the table of samples by boxes may not fit into memory.
         size = max(1, _CHUNK // len(near))
         for k in range(0, count, size):
             worst = min(worst, float(box_distance(near, points[k : k + size]).min()))
@@ -179,7 +182,7 @@ class _Tally:
         ms: Planning times, ms.
         gap: Gaps of J over J*, %.
         safe: Whether each plan is safe.
-        evaluations: Evaluations that each plan took.
+        evaluations: Number of evaluations of each plan.
         spread: Standard deviation of J, one for each instance.
     """
 
@@ -209,10 +212,10 @@ class _Tally:
 
 
 def optimum(instance: Instance) -> float:
-    """The optimum J* of an instance.
+    """Compute the the optimum J* of an instance.
 
     Args:
-        instance: A task with discs only, or one whose optimum is on record.
+        instance: A task with discs only, or one with a stored optimum.
 
     Returns:
         J*.
@@ -238,7 +241,7 @@ def optimum(instance: Instance) -> float:
 
 
 def path_cost(waypoints: FloatArray) -> float:
-    """J of a polyline with the default weights, obstacles aside.
+    """Compute J of a polyline with the default weights, without obstacles.
 
     Turning is summed from headings; the planners' kernels use cross products instead.
 
@@ -265,7 +268,7 @@ def measure(
 
     Args:
         instances: The tasks, each with its J*.
-        config: The planner's settings; the safe distance is taken from each instance.
+        config: The planner's settings; the safe distance comes from each instance.
         plans: Least number of plans, shared equally by the instances.
 
     Returns:
@@ -295,7 +298,7 @@ def _measure_one(
         tally.evaluations.append(plan.evaluations)
         costs.append(path_cost(plan.waypoints_m))
         paths.append(plan.waypoints_m)
-    # Judged after all plans, so that the checks do not disturb the timing.
+    # The judge runs after all plans, so that it does not disturb the timing.
     tally.gap += [100.0 * (cost / best - 1.0) for cost in costs]
     tally.spread.append(float(np.std(costs)))
     for path in paths:

@@ -1,9 +1,9 @@
-"""Planning tasks from files: MovingAI maps with scenarios, and images that are dark where blocked.
+"""Planning tasks from files: MovingAI maps and scenarios, and images with dark obstacles.
 
 Format: https://movingai.com/benchmarks/formats.html. A cell is `CELL_M` wide. The robot is a point
 that keeps a distance of `SAFE_CELLS` cells, so that it fits through a gap of one cell. The planners
-get a distance field with four times the map's resolution (twice on large maps), the judge gets the
-blocked cells themselves.
+receive a distance field with four times the map's resolution (twice on large maps). The judge
+receives the blocked cells themselves.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ CELL_M = 0.2
 SAFE_CELLS = 0.35
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".tif", ".tiff")
 TASKS = 10
-"""Tasks taken from a scenario file, evenly spaced from the first (easiest) to the last."""
-_FINE = 4  # cells of the distance field along a map's cell
+"""Number of tasks from a scenario file, evenly spaced from the first (easiest) to the last."""
+_FINE = 4  # cells of the distance field per side of a map cell
 _MOST_CELLS, _LARGE_CELLS = 2**20, 2**18
 _MOST_BYTES = 2**26
 _FREE, _BLOCKED = ".GS", "@OTW"
 _DARK = 128  # grey value below which a pixel is blocked
 
 Blocked = NDArray[np.bool_]
-"""(rows, cols), row 0 at the top: True where a cell is blocked."""
+"""(rows, cols), row 0 at the top: True if a cell is blocked."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class MapTask:
 
 
 def is_map_file(name: str) -> bool:
-    """Whether a scene's name is that of a file which can be read here.
+    """Tell whether a scene's name is that of a file that this module can read.
 
     Args:
         name: Name of a scene, or path of a file.
@@ -66,14 +66,14 @@ def load_file(path: Path) -> list[Instance]:
     """Read the tasks of a map, a scenario or an image.
 
     Args:
-        path: A ``.map`` (its ``.map.scen`` is used if it lies in the same folder), a ``.scen`` or
+        path: A ``.map`` (its ``.map.scen`` is used if it is in the same folder), a ``.scen`` or
             an image.
 
     Returns:
-        At most `TASKS` tasks. Without a scenario there is one, across the map's largest open part.
+        At most `TASKS` tasks. Without a scenario there is one, across the map's largest open area.
 
     Raises:
-        InputError: A file cannot be read, or does not keep to the format.
+        InputError: A file cannot be read, or violates the format.
     """
     suffix = path.suffix.lower()
     if suffix in IMAGES:
@@ -91,7 +91,7 @@ def load_file(path: Path) -> list[Instance]:
 
 
 def _bytes(path: Path) -> bytes:
-    """Content of a file; InputError if it is too large or cannot be read."""
+    """Read a file; raise InputError if it is too large or cannot be read."""
     try:
         if path.stat().st_size > _MOST_BYTES:
             raise InputError(f"{path}: larger than {_MOST_BYTES >> 20} MB")
@@ -112,10 +112,10 @@ def parse_map(text: str, source: Path) -> Blocked:
         source: Its path, for error messages.
 
     Returns:
-        (rows, cols), row 0 at the top: True where a cell is blocked.
+        (rows, cols), row 0 at the top: True if a cell is blocked.
 
     Raises:
-        InputError: The text does not keep to the format; the message names the line.
+        InputError: The text violates the format; the message names the line.
     """
     lines = text.splitlines()
     sizes: dict[str, int] = {}
@@ -146,7 +146,7 @@ def parse_map(text: str, source: Path) -> Blocked:
 
 
 def _size(words: list[str], line: int, source: Path) -> int:
-    """A height or width from a line of the header."""
+    """Read a height or width from a line of the header."""
     try:
         (word,) = words
         size = int(word)
@@ -171,7 +171,7 @@ def parse_scenario(text: str, source: Path) -> list[MapTask]:
         The tasks in the order of the file; at least one.
 
     Raises:
-        InputError: The text does not keep to the format; the message names the line.
+        InputError: The text violates the format; the message names the line.
     """
     lines = text.splitlines()
     if not lines or lines[0].split() not in (["version", "1"], ["version", "1.0"]):
@@ -203,7 +203,7 @@ def read_image(path: Path) -> Blocked:
         path: The image; transparent pixels count as white.
 
     Returns:
-        (rows, cols), row 0 at the top: True where a pixel is dark.
+        (rows, cols), row 0 at the top: True if a pixel is dark.
 
     Raises:
         InputError: The file is not an image, or too large.
@@ -229,7 +229,7 @@ def read_image(path: Path) -> Blocked:
 
 
 def _instances(path: Path, blocked: Blocked, tasks: list[MapTask]) -> list[Instance]:
-    """Instances on a map, for the given tasks or for one across its largest open part."""
+    """Make instances on a map, for the given tasks or for one across its largest open area."""
     rows, cols = blocked.shape
     world, boxes = _world(blocked), _boxes(blocked)
     if not tasks:
@@ -255,18 +255,18 @@ def _instances(path: Path, blocked: Blocked, tasks: list[MapTask]) -> list[Insta
 
 
 def _centre(cell: tuple[int, int], rows: int) -> FloatArray:
-    """Centre (2,) of a cell, x to the right and y up from the map's lower left corner, m."""
+    """Compute the centre (2,) of a cell, m, x right and y up from the map's lower left corner."""
     return CELL_M * np.array([cell[0] + 0.5, rows - cell[1] - 0.5])
 
 
 def _world(blocked: Blocked) -> WorldView:
-    """The map with a wall around it, as a distance field."""
+    """Make a view of the map with a wall around it, as a distance field."""
     parts = _FINE if blocked.size <= _LARGE_CELLS else _FINE // 2
     solid = np.flipud(np.pad(blocked, 1, constant_values=True))
     fine = np.kron(solid, np.ones((parts, parts), dtype=bool))
     resolution = CELL_M / parts
-    # On a lattice of half cells, which has nodes on the border of a blocked cell too, the nearest
-    # point of every blocked cell is a node. The distances at the cells' centres are exact.
+    # The lattice of half cells also has nodes on the borders of cells, so the nearest point of
+    # every blocked cell is a node. The distances at the cells' centres are exact.
     half = np.zeros((2 * fine.shape[0] + 1, 2 * fine.shape[1] + 1), dtype=bool)
     for i in range(3):
         for j in range(3):
@@ -284,7 +284,7 @@ def _world(blocked: Blocked) -> WorldView:
 
 
 def _boxes(blocked: Blocked) -> FloatArray:
-    """Boxes (B, 4) of the blocked cells and the outer wall, one for each run of cells in a row."""
+    """Make boxes (B, 4) of the blocked cells and the outer wall, one per run of cells in a row."""
     solid = np.flipud(np.pad(blocked, 1, constant_values=True))
     edge = np.diff(np.pad(solid.astype(np.int8), ((0, 0), (1, 1))), axis=1)
     row, first = np.nonzero(edge > 0)
@@ -294,7 +294,7 @@ def _boxes(blocked: Blocked) -> FloatArray:
 
 
 def _furthest(blocked: Blocked, path: Path) -> MapTask:
-    """The task between two far ends of the map's largest open part, by two breadth-first waves."""
+    """Find the task between two far ends of the largest open area, by two breadth-first waves."""
     parts, count = ndimage.label(~blocked)
     if count == 0:
         raise InputError(f"{path}: contains no free cell")
@@ -305,7 +305,7 @@ def _furthest(blocked: Blocked, path: Path) -> MapTask:
 
 
 def _last_reached(part: Blocked, cell: tuple[int, ...]) -> tuple[int, int]:
-    """Row and column of a cell that a wave over four neighbours reaches last."""
+    """Find the cell (row, column) that a wave over four neighbours reaches last."""
     wave = np.zeros_like(part)
     wave[cell] = True
     front = wave

@@ -1,4 +1,4 @@
-"""The report of a comparison: one HTML page without external files."""
+"""Report of a comparison: one HTML page without external files."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def check(directory: Path) -> None:
     """Check that the report can be written.
 
     Args:
-        directory: Where it is to be written.
+        directory: Directory of the report.
 
     Raises:
         InputError: The directory cannot be used, or a library is not installed.
@@ -54,11 +54,11 @@ def measure_tables(workers: int) -> list[PaperTable]:
 
 
 def write(directory: Path, result: Result, figures: dict[str, Any]) -> Path:
-    """Measure what only the report shows (paper tables, weights) and write ``index.html``.
+    """Measure the report's own parts (paper tables, weights) and write ``index.html``.
 
     Args:
-        directory: Where to write; it is created.
-        result: What was measured.
+        directory: Directory of the report; it is created.
+        result: The measurements.
         figures: Figures of ``result``.
 
     Returns:
@@ -77,7 +77,7 @@ def render(result: Result, figures: dict[str, Any], tables: list[PaperTable], we
     """Fill the page's template.
 
     Args:
-        result: What was measured.
+        result: The measurements.
         figures: Figures of ``result``.
         tables: The papers' tables.
         weights: The weight study.
@@ -117,7 +117,7 @@ def render(result: Result, figures: dict[str, Any], tables: list[PaperTable], we
 
 
 def _figure(value: Any, digits: int = 3) -> str:
-    """The text of a table's cell."""
+    """Format the text of a table's cell."""
     if value is None:
         return "-"
     if isinstance(value, float):

@@ -1,4 +1,4 @@
-"""Tables of the papers with our side of them, and many plans of one planner for one row."""
+"""Tables of the papers beside our own measurements, and repeated plans of one planner."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ class PaperTable:
     """A printed table beside the same table measured here.
 
     Attributes:
-        title: What the table shows.
+        title: Subject of the table.
         source: Paper and number of the table.
         columns: Headings.
         printed: Rows as printed.
         ours: Rows measured here, under the same headings.
-        agrees: Remarks in which both sides agree.
-        differs: Remarks in which they differ.
+        agrees: Remarks on which both sides agree.
+        differs: Remarks on which they differ.
     """
 
     title: str
@@ -42,7 +42,7 @@ class PaperTable:
         """Add a remark.
 
         Args:
-            holds: Whether both sides agree in it.
+            holds: Whether both sides agree on it.
             text: The remark.
         """
         (self.agrees if holds else self.differs).append(text)
@@ -68,7 +68,7 @@ class Runs:
 
     Attributes:
         plans: The n plans.
-        score: (n,) the judge's score of each.
+        score: (n,) the judge's score of each plan.
         length: (n,) length, m.
         turning: (n,) turning, rad.
         seconds: (n,) planning time, s.
@@ -84,7 +84,7 @@ class Runs:
 
     @property
     def generations(self) -> np.ndarray:
-        """(n,) generations that each plan began."""
+        """Number of generations that each plan began, (n,)."""
         return np.array([plan.generations for plan in self.plans])
 
 
@@ -101,7 +101,7 @@ def run_many(scene: str, config: PlannerConfig, runs: int) -> Runs:
     """
     one = paper_scene(scene)
     planner = prepare(config)
-    plan_once(planner, one, 0)  # compiles the kernels, so that no timed plan does
+    plan_once(planner, one, 0)  # compiles the kernels, so that the timed plans do not
     plans, verdicts, seconds = [], [], []
     for seed in range(runs):
         plan, took = plan_timed(planner, one, seed)
@@ -119,7 +119,7 @@ def run_many(scene: str, config: PlannerConfig, runs: int) -> Runs:
 
 
 def min_max_mean_std(values: FloatArray) -> tuple[float, float, float, float]:
-    """Four columns that most of the tables have.
+    """Compute four columns that most of the tables have.
 
     Args:
         values: (n,) values.

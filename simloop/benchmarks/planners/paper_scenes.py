@@ -1,4 +1,4 @@
-"""The papers' own scenes, rebuilt from the facts they state, because none prints its obstacles.
+"""The papers' own scenes, rebuilt from the stated facts, because no paper prints its obstacles.
 
 One length unit of a paper is one metre here, except for Sabiha's centimetres. Where a paper prints
 the length of its best path, the obstacles are chosen so that the shortest path is about as long.
@@ -178,13 +178,13 @@ def _instance(
     safe_m: float,
     boxes: FloatArray | None = None,
 ) -> Instance:
-    """A task from positions (x, y); the start's yaw is 0."""
+    """Make a task from positions (x, y); the start's yaw is 0."""
     known = np.zeros((0, 4)) if boxes is None else boxes
     return Instance(name, world, np.array([*start, 0.0]), np.array(goal), safe_m, known)
 
 
 def _mohamed(name: str, seed: int) -> Instance:
-    """A task among uniformly drawn discs that keep twice the safe distance from both ends."""
+    """Make a task among uniformly drawn discs that keep twice the safe distance from both ends."""
     count, side, radii, start, goal, first = _MOHAMED[name]
     rng = np.random.default_rng(first + seed)
     discs: list[tuple[float, float, float]] = []
@@ -202,7 +202,7 @@ def _polygon_world(
     discs: tuple[tuple[float, float, float], ...],
     bounds: tuple[float, float, float, float],
 ) -> WorldView:
-    """A view of convex polygons, corners counter-clockwise, and discs."""
+    """Make a view of convex polygons, corners counter-clockwise, and discs."""
     corners = tuple(np.array(polygon, dtype=np.float64) for polygon in polygons)
     return replace(disc_world(np.array(discs), bounds), polygons_m=corners)
 
@@ -213,14 +213,14 @@ def _walls(
     bounds: tuple[float, float, float, float],
     goal: tuple[float, float],
 ) -> Instance:
-    """A task among boxes, from the origin to a goal."""
+    """Make a task among boxes, from the origin to a goal."""
     corners = tuple(((a, b), (c, b), (c, d), (a, d)) for a, b, c, d in boxes)
     world = _polygon_world(corners, (), bounds)
     return _instance(name, world, (0.0, 0.0), goal, _ABED_SAFE_M, np.array(boxes))
 
 
 def _online(one: Instance, goal: MovingPoint, movers: tuple[Mover, ...] = ()) -> OnlineWorld:
-    """The world of a task for the online simulator."""
+    """Make the world of a task for the online simulator."""
     return OnlineWorld(
         name=one.name,
         fixed=one.world,

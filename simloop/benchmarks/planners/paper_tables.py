@@ -1,8 +1,8 @@
-"""The papers' tables beside the same algorithms measured here, with their sizes and stops.
+"""The papers' tables beside the same algorithms measured here, with the same sizes and stops.
 
-The papers do not print their obstacles. Lengths agree at best as well as a scene was rebuilt; the
-order of the algorithms and their spread can be compared. Each remark is computed from what was
-measured or from what is printed.
+The papers do not print their obstacles. Lengths can agree only as well as a scene is rebuilt, but
+the order of the algorithms and their spread can be compared. Each remark is computed from the
+measurements or from the printed values.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def wu_tables(runs: int = 30) -> list[PaperTable]:
     """Measure Wu 2016, Table 1: path length alone, with NP = 20, D = 14 and 200 iterations.
 
     Args:
-        runs: Plans of each algorithm.
+        runs: Number of plans of each algorithm.
 
     Returns:
         The table.
@@ -43,7 +43,7 @@ def wu_tables(runs: int = 30) -> list[PaperTable]:
     names = {"PSO": "pso", "ABC": "abc", "DE": "de", "TLBO": "tlbo_elitist", "NIWTLBO": "niwtlbo"}
     one, means, stds = paper_scene("wu180"), {}, {}
     for label, name in names.items():
-        # An iteration of the TLBO family has two phases, each of which evaluates everyone.
+        # An iteration of the TLBO family has two phases, each of which evaluates all individuals.
         twice = 2 if "TLBO" in label else 1
         options: dict[str, bool | int | float | str] = {
             "seeding": "uniform", "coding": "crosslines", "points": 14
@@ -79,7 +79,7 @@ def mohamed_tables() -> list[PaperTable]:
 
 
 def _mohamed_maps() -> PaperTable:
-    """Mohamed 2012, Table 1: the first path of each map."""
+    """Measure Mohamed 2012, Table 1: the first path of each map."""
     one = PaperTable(
         "Three maps",
         "Mohamed 2012, Table 1 (the first path of each map)",
@@ -115,7 +115,7 @@ def _mohamed_maps() -> PaperTable:
 
 
 def _mohamed_against_swarm() -> PaperTable:
-    """Mohamed 2012, Table 2."""
+    """Measure Mohamed 2012, Table 2."""
     two = PaperTable(
         "Against a particle swarm",
         "Mohamed 2012, Table 2: mean length on the 20 x 60 map",
@@ -136,7 +136,7 @@ def _mohamed_against_swarm() -> PaperTable:
 
 
 def _plan(scene: str, name: str, runs: int) -> Runs:
-    """Plans for a point; a swarm starts from a uniform population."""
+    """Plan for a point robot; a swarm starts from a uniform population."""
     options: dict[str, bool | int | float | str] = {"seeding": "uniform"} if name == "pso" else {}
     config = PlannerConfig(
         name=name, safe_distance_m=paper_scene(scene).safe_m, start_turn_weight=0.0, options=options
@@ -159,10 +159,10 @@ _ABED_PIXELS = {
 
 
 def abed_tables(runs: int = 3) -> list[PaperTable]:
-    """Measure Abed 2022, Tables 2 and 3, and the two worlds that move.
+    """Measure Abed 2022, Tables 2 and 3, and the two worlds with movers.
 
     Args:
-        runs: Runs of each algorithm in each world.
+        runs: Number of runs of each algorithm in each world.
 
     Returns:
         The two tables.
@@ -208,7 +208,7 @@ def abed_tables(runs: int = 3) -> list[PaperTable]:
 
 
 def _run_online(scene: str, name: str, seed: int) -> tuple[float, bool]:
-    """Length, m, and success of a run through a world that is only sensed."""
+    """Simulate a run in a world known only by sensing; return its length, m, and success."""
     steering = prepare(PlannerConfig(name=name)).steering()  # type: ignore[attr-defined]
     done = simulate(online_scene(scene), steering, np.random.default_rng(seed))
     return done.length_m, done.success

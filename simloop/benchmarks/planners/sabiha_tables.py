@@ -10,7 +10,7 @@ from simloop.config import PlannerConfig
 
 _PLANNERS = {"TLBO": "tlbo_paper", "GA": "ga", "PSO": "pso", "GA-PSO": "ga_pso"}
 _LEARNERS = 100
-_SETTLED = 1.001  # of the final J
+_SETTLED = 1.001  # a plan is settled when J falls below this times its final value
 _SHORTEST_M = 6.1184
 
 
@@ -18,7 +18,7 @@ def sabiha_tables(runs: int = 50) -> list[PaperTable]:
     """Measure Tables 1 and 2 of the online paper and Table 1 of the offline paper.
 
     Args:
-        runs: Plans of each algorithm.
+        runs: Number of plans of each algorithm.
 
     Returns:
         The three tables.
@@ -28,10 +28,10 @@ def sabiha_tables(runs: int = 50) -> list[PaperTable]:
 
 
 def _plan(name: str, runs: int) -> Runs:
-    """Plans with the paper's settings: a class of 100, drawn uniformly; 30 idle generations end it.
+    """Plan with the paper's settings: a uniformly drawn class of 100; 30 idle generations end it.
 
-    After 20 000 evaluations a plan ends in any case, because in double precision J hardly ever
-    stays exactly the same for 30 generations.
+    A plan also ends after 20 000 evaluations, because in double precision J hardly ever stays
+    exactly the same for 30 generations.
     """
     one = paper_scene("sabiha4")
     config = PlannerConfig(
@@ -46,7 +46,7 @@ def _plan(name: str, runs: int) -> Runs:
 
 
 def _settling_iterations(at: Runs, label: str) -> float:
-    """Mean number of iterations until J is within 0.1 % of its final value."""
+    """Compute the mean number of iterations until J is within 0.1 % of its final value."""
     # TLBO evaluates each learner twice in an iteration, in the teacher and the learner phase.
     each = _LEARNERS * (2 if label == "TLBO" else 1)
     found = []
@@ -57,7 +57,7 @@ def _settling_iterations(at: Runs, label: str) -> float:
 
 
 def _performance(found: dict[str, Runs]) -> PaperTable:
-    """Sabiha 2022 (online), Table 1."""
+    """Measure Sabiha 2022 (online), Table 1."""
     table = PaperTable(
         "Performance and stability",
         "Sabiha 2022 (online TLBO), Table 1: 50 runs",
@@ -94,7 +94,7 @@ def _performance(found: dict[str, Runs]) -> PaperTable:
 
 
 def _quality(found: dict[str, Runs]) -> PaperTable:
-    """Sabiha 2022 (online), Table 2."""
+    """Measure Sabiha 2022 (online), Table 2."""
     table = PaperTable(
         "Quality of the path",
         "Sabiha 2022 (online TLBO), Table 2: length, m, and turning, rad",
@@ -121,7 +121,7 @@ def _quality(found: dict[str, Runs]) -> PaperTable:
 
 
 def _offline(at: Runs) -> PaperTable:
-    """Sabiha 2022 (offline), Table 1."""
+    """Measure Sabiha 2022 (offline), Table 1."""
     table = PaperTable(
         "Performance of TLBO",
         "Sabiha 2022 (offline TLBO), Table 1: 100 runs; here the 50 above, on the same scene",

@@ -2,7 +2,7 @@
 
 S1 is the four-obstacle scene of the TLBO papers (same start, goal and safe distance). S2 and S3 are
 rooms with twelve and fifty discs. S4 is a U-shaped trap in a distance field. In all of them the
-robot is a point that keeps the distance ``safe_m``.
+rooms with twelve and fifty discs. S4 is a U-shaped trap in a distance field. In all of them the
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ class Instance:
 
     Attributes:
         name: Name of the task.
-        world: What the planner gets.
+        world: The view that the planner receives.
         start: (3,) x, y, yaw, m and rad, map frame.
         goal: (2,) x, y, m, map frame.
-        safe_m: Distance that the path keeps from everything, m.
+        safe_m: Distance that the path must keep from every obstacle, m.
         boxes_m: (B, 4) x_min, y_min, x_max, y_max of the true obstacles behind a distance field,
             m, map frame; (0, 4) if the view is exact.
-        best_cost: J* if it is on record; among discs `exact.exact_path` finds it.
+        best_cost: J* if it is stored; among discs `exact.exact_path` computes it.
     """
 
     name: str
@@ -51,7 +51,7 @@ class Instance:
 
 
 def disc_world(discs: FloatArray, bounds: tuple[float, float, float, float]) -> WorldView:
-    """Make a view that holds discs only.
+    """Make a view with discs only.
 
     Args:
         discs: (K, 3) x, y, radius, m, map frame.
@@ -71,7 +71,7 @@ def disc_world(discs: FloatArray, bounds: tuple[float, float, float, float]) -> 
 
 
 def box_distance(boxes: FloatArray, points: FloatArray) -> FloatArray:
-    """Distance from points to the nearest of several boxes.
+    """Compute the distance from points to the nearest of several boxes.
 
     Args:
         boxes: (B, 4) x_min, y_min, x_max, y_max, m.
@@ -87,7 +87,7 @@ def box_distance(boxes: FloatArray, points: FloatArray) -> FloatArray:
 
 
 def box_world(boxes: FloatArray, size_m: float, resolution_m: float) -> WorldView:
-    """Make a view that holds a square distance field of boxes, exact at the cells' centres.
+    """Make a view with a square distance field of boxes, exact at the cells' centres.
 
     Args:
         boxes: (B, 4) x_min, y_min, x_max, y_max, m, map frame.
@@ -114,7 +114,7 @@ def box_world(boxes: FloatArray, size_m: float, resolution_m: float) -> WorldVie
 def _random_discs(
     seed: int, count: int, size: float, radii: tuple[float, float], ends: FloatArray
 ) -> FloatArray:
-    """Draw discs until ``count`` keep 0.31 m from both ends; the others are dropped."""
+    """Draw discs until ``count`` of them keep 0.31 m from both ends; the others are dropped."""
     rng = np.random.default_rng(seed)
     discs: list[tuple[float, float, float]] = []
     while len(discs) < count:
@@ -128,7 +128,7 @@ def _random_discs(
 def _scattered(
     name: str, seed: int, count: int, size: float, radii: tuple[float, float], ends: FloatArray
 ) -> Instance:
-    """A square room with random discs between two ends (2, 2)."""
+    """Make a square room with random discs between two ends (2, 2)."""
     discs = _random_discs(seed, count, size, radii, ends)
     world = disc_world(discs, (0.0, 0.0, size, size))
     start = np.array([*ends[0], 0.0])
@@ -136,7 +136,7 @@ def _scattered(
 
 
 def scene(name: str) -> list[Instance]:
-    """The instances of a scene.
+    """Return the instances of a scene.
 
     Args:
         name: One of `SCENE_NAMES`.
@@ -168,9 +168,9 @@ def scene(name: str) -> list[Instance]:
 
 
 def true_clearance(instance: Instance, waypoints: FloatArray, step_m: float = 2e-4) -> float:
-    """Clearance of a path by dense samples, from the true discs and boxes.
+    """Compute the clearance of a path by dense samples, from the true discs and boxes.
 
-    The code shares nothing with the planners' kernels. Its error is at most
+    The code is independent of the planners' kernels. Its error is at most
     step_m^2 / (8 clearance).
 
     Args:

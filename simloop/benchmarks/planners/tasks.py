@@ -1,4 +1,4 @@
-"""Scenes by name or from a file, each with the best J that is known for it."""
+"""Scenes by name or from a file, each with its best known J."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Task:
     Attributes:
         scene: Name of the scene, or of the file.
         instance: The planning task.
-        best: J* or the best known J; None if nothing is known.
+        best: J* or the best known J; None if unknown.
         exact: Whether ``best`` is the optimum.
     """
 
@@ -38,26 +38,26 @@ class Task:
 
 
 def scene_names() -> tuple[str, ...]:
-    """The names of the built-in scenes.
+    """List the names of the built-in scenes.
 
     Returns:
-        Names that `load_scene` takes, besides map files.
+        Names that `load_scene` accepts, besides map files.
     """
     return (*SCENE_NAMES, *paper_scene_names())
 
 
 def paper_scene_names() -> tuple[str, ...]:
-    """The names of the papers' scenes.
+    """List the names of the papers' scenes.
 
     Returns:
-        Fixed scenes first, then those that move.
+        Fixed scenes first, then those with motion.
     """
     moving = [name for name in ONLINE_SCENES if name not in PAPER_SCENES]
     return (*PAPER_SCENES, *moving)
 
 
 def check_scene(name: str) -> None:
-    """Refuse a scene that `load_scene` does not know.
+    """Check that `load_scene` knows a scene.
 
     Args:
         name: Name of a scene, or a map file.
@@ -95,10 +95,10 @@ def load_scene(name: str) -> list[Task]:
 
 
 def _known(task: Task) -> Task:
-    """The task with its best known J.
+    """Return the task with its best known J.
 
     Among discs it is the exact optimum, among polygons the J of a fine visibility graph. In a
-    distance field it is known only if it is on record.
+    distance field it is known only if it is stored.
     """
     one = task.instance
     if one.best_cost is not None:
@@ -118,7 +118,7 @@ def _known(task: Task) -> Task:
 
 
 def with_best_known(tasks: list[Task], trials: list[Trial]) -> list[Task]:
-    """Use the best safe plan of all trials where no optimum is known.
+    """Use the best safe plan of all trials if the optimum is unknown.
 
     Args:
         tasks: Tasks of a scene.

@@ -1,4 +1,4 @@
-"""Trials: one planner on one task from one seed, judged, and timed where asked."""
+"""Trials: one planner on one task from one seed, judged, and timed if requested."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from simloop.planners.registry import PlannerInfo, info, make_planner
 POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))
 PRECISE = "tlbo_precise"
 LADDER = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2)
-"""Shares of the budget at which a planner that keeps no history is run again for one."""
+"""Shares of the budget at which a planner without a history is run again to get one."""
 _NEVER_IDLE = 10_000
 _LEAST_TIMED, _ENOUGH_MS, _LONG_MS = 3, 50.0, 150.0
 
@@ -33,8 +33,8 @@ class Trial:
         instance: Name of the task.
         seed: Seed of the plan.
         verdict: The judge's rating.
-        evaluations: Candidates that the planner evaluated.
-        generations: Generations that it ran; steps, if it moves step by step.
+        evaluations: Number of candidates that the planner evaluated.
+        generations: Number of generations, or of steps for a step-by-step planner.
         path_m: (M, 2) waypoints, m, map frame.
         history: (H, 2) evaluations and the best score so far, ascending in evaluations.
     """
@@ -61,7 +61,7 @@ class MovingInstance(Instance):
 
 
 def moving_instance(online: OnlineWorld) -> MovingInstance:
-    """Make a task of a world that moves.
+    """Make a task of a world with movers or a moving goal.
 
     Args:
         online: The world.
@@ -81,7 +81,7 @@ def moving_instance(online: OnlineWorld) -> MovingInstance:
 
 
 def info_of(name: str) -> PlannerInfo:
-    """What the registry knows about a planner.
+    """Return the registry's entry of a planner.
 
     Args:
         name: Name of the planner; `PRECISE` is the lead planner.
@@ -93,7 +93,7 @@ def info_of(name: str) -> PlannerInfo:
 
 
 def handles(name: str, instance: Instance) -> bool:
-    """Whether a planner can plan in the world of a task.
+    """Tell whether a planner can plan in the world of a task.
 
     Args:
         name: Name of the planner.
@@ -108,7 +108,7 @@ def handles(name: str, instance: Instance) -> bool:
 
 
 def settings(name: str, instance: Instance, budget: int, learners: int) -> PlannerConfig:
-    """Settings on equal terms: the same budget, the same size and seeding of the population.
+    """Make settings on equal terms: the same budget, population size and seeding.
 
     Update rules run until the budget is spent; the lead planner also stops when its class no
     longer improves.
@@ -116,7 +116,7 @@ def settings(name: str, instance: Instance, budget: int, learners: int) -> Plann
     Args:
         name: Name of the planner.
         instance: The task.
-        budget: Most evaluations.
+        budget: Largest number of evaluations.
         learners: Size of the population.
 
     Returns:
@@ -175,7 +175,7 @@ def plan_timed(planner: Planner, instance: Instance, seed: int) -> tuple[Plan, f
         seed: Seed of the plan.
 
     Returns:
-        The plan, and the seconds that it took.
+        The plan, and its planning time, s.
     """
     began = perf_counter()
     plan = plan_once(planner, instance, seed)
@@ -192,7 +192,7 @@ def try_once(
         instance: The task.
         seed: Seed of the plan.
         config: The planner's settings.
-        history: Whether a planner that keeps no history is run again with smaller budgets for one.
+        history: Whether a planner without a history is run again with smaller budgets to get one.
 
     Returns:
         The trial.
@@ -218,7 +218,7 @@ def try_once(
 
 
 def _try_moving(name: str, instance: MovingInstance, seed: int, config: PlannerConfig) -> Trial:
-    """Simulate a world that moves; here the simulator counts the collisions, not the judge."""
+    """Simulate a world with movers; the simulator counts the collisions, not the judge."""
     assert instance.online is not None
     steering = prepare(config).steering()  # type: ignore[attr-defined]
     done = simulate(instance.online, steering, np.random.default_rng(seed))
@@ -245,7 +245,7 @@ def _try_moving(name: str, instance: MovingInstance, seed: int, config: PlannerC
 
 
 def _history_by_budgets(instance: Instance, seed: int, config: PlannerConfig) -> FloatArray:
-    """Evaluations and score (H, 2) of runs with smaller budgets."""
+    """Run with smaller budgets; return evaluations and scores (H, 2)."""
     rows = []
     for share in LADDER:
         less = max(100, round(share * config.max_evaluations))
@@ -255,10 +255,10 @@ def _history_by_budgets(instance: Instance, seed: int, config: PlannerConfig) ->
 
 
 def _checked_history(history: FloatArray, verdict: Verdict) -> FloatArray:
-    """The history in order, as the best score so far.
+    """Return the history in order, as the best score so far.
 
-    If the judge finds the path unsafe, the planner's own account cannot be trusted, and only the
-    last row, which is the judge's, stays.
+    If the judge finds the path unsafe, the planner's own account is not reliable. Then only the
+    judge's row, which is the last one, is kept.
     """
     if not verdict.success:
         return history[-1:]
@@ -268,7 +268,7 @@ def _checked_history(history: FloatArray, verdict: Verdict) -> FloatArray:
 
 
 def time_plans(name: str, instance: Instance, config: PlannerConfig) -> list[float]:
-    """Time some plans in this process, the more the quicker they are.
+    """Time some plans in this process; quick planners make more of them.
 
     Args:
         name: Name of the planner.

@@ -1,8 +1,9 @@
-"""The lead paper's study of the weights: the effect of w1 and w2 on length, turning and J.
+"""Study of the weights from the lead paper: the effect of w1 and w2 on length, turning and J.
 
-Source: Sabiha 2022 (online TLBO), Section 5.4: 38 plans, each with its own weights; the Pareto
-front of length and turning; a partial least squares (PLS) model of two components on w1, w2, J1 and
-J2, rated by its goodness of fit (R2) and, by cross-validation, of prediction (Q2).
+Source: Sabiha 2022 (online TLBO), Section 5.4. The study makes 38 plans, each with its own weights,
+and the Pareto front of length and turning. It fits a partial least squares (PLS) model of two
+components on w1, w2, J1 and J2. The model is rated by its goodness of fit (R2) and, by
+cross-validation, of prediction (Q2).
 
 Chosen here: w2 = 1 - w1, w1 evenly spaced from 0.025 to 0.975, columns scaled to unit variance,
 seven folds.
@@ -38,7 +39,7 @@ class Pls:
     Attributes:
         r2_x: Share of the variance of x that the components explain.
         r2_y: Share of the variance of y.
-        q2: Share of the variance of y in plans that were left out of the fit.
+        q2: Share of the variance of y in plans that are left out of the fit.
         scores: (n, c) scores of the plans.
         x_loadings: (p, c) loadings of the variables.
         y_loadings: (c,) loadings of y.
@@ -65,8 +66,8 @@ class Study:
         length_m: (n,) length of each plan, m.
         turning_rad: (n,) turning of each plan, rad.
         cost: (n,) J of each plan with its own weights.
-        safe: (n,) which plans are safe and reach the goal.
-        front: (n,) which plans are on the Pareto front of the safe ones.
+        safe: (n,) whether each plan is safe and reaches the goal.
+        front: (n,) whether each plan is on the Pareto front of the safe plans.
         pls: The model of ``cost``.
     """
 
@@ -88,7 +89,7 @@ def study(instance: Instance, planner: str = "tlbo", count: int = COUNT, seed: i
         instance: The task.
         planner: Name of the planner.
         count: Number of pairs.
-        seed: Seed of the first plan; the others follow on.
+        seed: Seed of the first plan; the others count up from it.
 
     Returns:
         The plans and their analysis.
@@ -122,14 +123,14 @@ def study(instance: Instance, planner: str = "tlbo", count: int = COUNT, seed: i
 
 
 def pareto(points: FloatArray, allowed: np.ndarray) -> np.ndarray:
-    """Find the Pareto front, where every criterion is minimised.
+    """Find the Pareto front of criteria that are all minimised.
 
     Args:
         points: (n, k) criteria of each point.
-        allowed: (n,) which points take part.
+        allowed: (n,) whether each point takes part.
 
     Returns:
-        (n,) which points no other one dominates.
+        (n,) whether no other point dominates a point.
     """
     out = np.array(allowed, dtype=bool)
     for k, point in enumerate(points):
@@ -144,7 +145,7 @@ def fit(x: FloatArray, y: FloatArray, components: int = COMPONENTS, folds: int =
 
     Args:
         x: (n, p) variables; a constant column is allowed and has no influence.
-        y: (n,) what the variables explain.
+        y: (n,) the variable to explain.
         components: Number of components.
         folds: Parts of the cross-validation; each takes every ``folds``-th row.
 
@@ -155,7 +156,7 @@ def fit(x: FloatArray, y: FloatArray, components: int = COMPONENTS, folds: int =
         InputError: scikit-learn is not installed.
     """
     model = _model(x, y, components)
-    # R2 of x: how well scores and loadings restore the scaled variables.
+    # R2 of x: how well scores and loadings reproduce the scaled variables.
     scores, loadings = model.x_scores_, model.x_loadings_
     back = scores @ loadings.T
     scaled = _scaled(x, x)
@@ -164,7 +165,7 @@ def fit(x: FloatArray, y: FloatArray, components: int = COMPONENTS, folds: int =
     squares = model.x_weights_**2
     weights = squares / np.maximum(squares.sum(axis=0), 1e-300)
     total = max(float(explained.sum()), 1e-300)
-    # Q2: each row is predicted by a model that has not seen it.
+    # Q2: each row is predicted by a model that was fitted without it.
     predicted = np.empty(len(y))
     for fold in range(folds):
         out = np.arange(len(y)) % folds == fold
@@ -181,7 +182,7 @@ def fit(x: FloatArray, y: FloatArray, components: int = COMPONENTS, folds: int =
 
 
 def _model(x: FloatArray, y: FloatArray, components: int) -> Any:
-    """scikit-learn's fitted PLS regression."""
+    """Fit scikit-learn's PLS regression."""
     try:
         library = importlib.import_module("sklearn.cross_decomposition")
     except ImportError:
@@ -194,20 +195,20 @@ def _model(x: FloatArray, y: FloatArray, components: int) -> Any:
 
 
 def _scaled(x: FloatArray, like: FloatArray) -> FloatArray:
-    """x (n, p) with the columns centred and scaled as those of ``like`` would be."""
+    """Scale x (n, p) with the means and deviations of the columns of ``like``."""
     spread = like.std(axis=0, ddof=1)
     out: FloatArray = (x - like.mean(axis=0)) / np.where(spread > 0.0, spread, 1.0)
     return out
 
 
 def _explained(truth: FloatArray, found: FloatArray) -> float:
-    """1 - residual sum of squares / total sum of squares about the mean."""
+    """Compute 1 - residual sum of squares / total sum of squares about the mean."""
     total = max(float(((truth - truth.mean(axis=0)) ** 2).sum()), 1e-300)
     return 1.0 - float(((truth - found) ** 2).sum()) / total
 
 
 def figures(done: Study) -> dict[str, Any]:
-    """The study in plain types.
+    """Convert the study to plain types.
 
     Args:
         done: The study.
@@ -228,7 +229,7 @@ def figures(done: Study) -> dict[str, Any]:
 
 
 def rows(done: Study) -> Sequence[Sequence[str]]:
-    """The study as rows of a table for the terminal.
+    """Format the study as rows of a table for the terminal.
 
     Args:
         done: The study.

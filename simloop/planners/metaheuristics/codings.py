@@ -1,7 +1,8 @@
-"""Codings: how a vector becomes a path and a path a vector, and the objective over such vectors.
+"""Codings: convert between vectors and paths, and evaluate the objective over such vectors.
 
-box: x, y of each inner waypoint within the bounds (Sabiha 2022). crosslines: equidistant lines
-across the start-goal line, one coordinate a line (Wu 2016, Eq. 8), positive to the right.
+- box: x, y of each inner waypoint within the bounds (Sabiha 2022).
+- crosslines: equidistant lines across the start-goal line, one coordinate per line, positive to the
+  right (Wu 2016, Eq. 8).
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ class Coding(NamedTuple):
 
     Attributes:
         kind: Index in `CODINGS`.
-        points: How many inner waypoints a path has.
+        points: Number of inner waypoints of a path.
         low: (d,) least value of each coordinate.
         high: (d,) greatest value of each coordinate.
         along_x: x of the unit vector from start to goal.
@@ -50,7 +51,7 @@ def make_coding(p: Problem, name: str, points: int) -> Coding:
     Args:
         p: The problem.
         name: One of `CODINGS`.
-        points: How many inner waypoints a path has.
+        points: Number of inner waypoints of a path.
 
     Returns:
         The coding.
@@ -72,9 +73,9 @@ def make_coding(p: Problem, name: str, points: int) -> Coding:
 def _across(
     p: Problem, x: float, y: float, nx: float, ny: float, reach: float
 ) -> tuple[float, float]:
-    """Between which s the line (x, y) + s n stays in the bounds.
+    """Compute the range of s in which the line (x, y) + s n stays within the bounds.
 
-    It goes no further than the distance of the ends, because a robot's own bounds may be far away.
+    The range is limited by the distance of start and goal, because the bounds may be far away.
     """
     low, high = -_MOST_ACROSS * reach, _MOST_ACROSS * reach
     for at, n, first, last in ((x, nx, p.low_x, p.high_x), (y, ny, p.low_y, p.high_y)):
@@ -86,16 +87,16 @@ def _across(
 
 @njit(cache=True)
 def decode(p: Problem, coding: Coding, x: FloatArray, path: FloatArray) -> int:
-    """Write the waypoints that a vector stands for.
+    """Write the waypoints of a vector.
 
     Args:
         p: The problem.
         coding: The coding.
         x: (d,) the vector.
-        path: (points + 2, 2) takes the waypoints, m.
+        path: (points + 2, 2) receives the waypoints, m.
 
     Returns:
-        How many waypoints there are, both ends included.
+        Number of waypoints, both ends included.
     """
     m = coding.points + 2
     path[0, 0], path[0, 1] = p.start_x, p.start_y
@@ -111,7 +112,7 @@ def decode(p: Problem, coding: Coding, x: FloatArray, path: FloatArray) -> int:
 
 
 def encode(p: Problem, coding: Coding, path: FloatArray) -> FloatArray:
-    """Return the vector of a path.
+    """Convert a path into a vector.
 
     Args:
         p: The problem.
@@ -119,8 +120,8 @@ def encode(p: Problem, coding: Coding, path: FloatArray) -> FloatArray:
         path: (m, 2) waypoints, any number of them, m.
 
     Returns:
-        (d,) the vector, within the box. With cross lines it holds where the path first crosses
-        each.
+        (d,) the vector, within the box. With cross lines it holds the first crossing of the path
+        with each line.
     """
     if coding.kind == 0:
         return np.clip(_with_points(path, coding.points).ravel(), coding.low, coding.high)
@@ -137,7 +138,7 @@ def encode(p: Problem, coding: Coding, path: FloatArray) -> FloatArray:
 
 
 def _with_points(path: FloatArray, count: int) -> FloatArray:
-    """The inner waypoints (count, 2) of a path that is made to have so many.
+    """Return ``count`` inner waypoints (count, 2) of a path, with points added or dropped.
 
     The longest legs are halved, or the points of least detour are dropped.
     """
@@ -167,7 +168,7 @@ def _whole_curve_costs(
     path: FloatArray,
     stack: FloatArray,
 ) -> None:
-    """J of each row of x, the clearance judged along the whole path."""
+    """Compute J of each row of x, with the clearance of the whole path."""
     for k in range(x.shape[0]):
         m = decode(p, coding, x[k], path)
         out[k] = evaluate(p, path, m, bounds[k], stack)
@@ -175,18 +176,17 @@ def _whole_curve_costs(
 
 @njit(cache=True)
 def examined_penalty(p: Problem, path: FloatArray, m: int, examined: int) -> float:
-    """Return the sum of R as the papers print it, Eqs. 16 and 17: one term an obstacle.
+    """Compute the sum of R as in the papers, Eqs. 16 and 17: one term per obstacle.
 
-    R = 1/d - 1/delta where d < delta. d is the distance to the nearest of the inner waypoints and
-    of
-    some points within each segment. A distance field has no centres: there d is the least clearance
-    and delta the safe distance.
+    R = 1/d - 1/delta if d < delta. d is the distance from an obstacle's centre to the nearest
+    examined point: the inner waypoints and some points within each segment. A distance field has no
+    centres: there d is the least clearance and delta the safe distance.
 
     Args:
         p: The problem.
         path: (>= m, 2) waypoints, m.
-        m: How many of them count.
-        examined: How many points within each segment are examined.
+        m: Number of waypoints.
+        examined: Number of examined points within each segment.
 
     Returns:
         The sum, 1/m.
@@ -222,7 +222,7 @@ def _examined_costs(
     examined: int,
     path: FloatArray,
 ) -> None:
-    """J of each row of x as the papers print it: clearance at some points, no start turn."""
+    """Compute J of each row of x as in the papers: clearance at some points, no start turn."""
     for k in range(x.shape[0]):
         p.trials[0] += 1
         m = decode(p, coding, x[k], path)
@@ -237,7 +237,7 @@ class PathObjective:
 
     Attributes:
         problem: The problem.
-        coding: How a vector becomes a path.
+        coding: The coding of the paths.
         low: (d,) least value of each coordinate.
         high: (d,) greatest value of each coordinate.
     """
@@ -253,8 +253,8 @@ class PathObjective:
 
         Args:
             x: (n, d) vectors.
-            out: (n,) takes J.
-            bounds: (n,) values of J above which the exact one does not matter.
+            out: (n,) receives J.
+            bounds: (n,) values of J above which the exact value does not matter.
         """
         p, coding, path = self.problem, self.coding, self._path
         if self._examined is None:
@@ -263,7 +263,7 @@ class PathObjective:
             _examined_costs(p, coding, x, out, bounds, self._examined, path)
 
     def path(self, x: FloatArray) -> FloatArray:
-        """Return the waypoints of a vector.
+        """Decode a vector into waypoints.
 
         Args:
             x: (d,) the vector.

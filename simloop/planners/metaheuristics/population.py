@@ -1,17 +1,19 @@
-"""One engine for every metaheuristic: population, evaluation, bounds, duplicates, budget, history.
+"""Population engine of all metaheuristics: evaluation, bounds, duplicates, budget and history.
 
 How a rule plugs in
 -------------------
 Subclass `Rule`. Give it a ``name``, ``Options`` (a frozen dataclass of its parameters with their
-usual values) and ``generation(population)``. That method calls one compiled kernel of the rule's
-own, which reads ``population.x`` (n, d) and ``population.cost`` (n,) and writes
-``population.candidate`` (n, d). Then it calls ``population.offer()`` (greedy: each candidate
-replaces its own parent if it is better) or ``population.replace()`` (generational). Drawing,
-bounds, evaluation, budget and history are done here and by `population_planner`.
+usual values) and ``generation(population)``. That method does two things:
+1. It calls the rule's own compiled kernel, which reads ``population.x`` (n, d) and
+   ``population.cost`` (n,) and writes ``population.candidate`` (n, d).
+2. It calls ``population.offer()`` (greedy: each candidate replaces its own parent if it is better)
+   or ``population.replace()`` (generational).
+
+The engine and `population_planner` handle drawing, bounds, evaluation, budget and history.
 Add an entry for the rule to ``simloop/planners/registry.py``.
 
-The budget counts evaluations of whole candidates and is never exceeded. What it no longer covers
-costs infinity. All randomness comes from ``population.state`` (`simloop.planners.splitmix`).
+The budget counts evaluations of whole candidates and is never exceeded. A candidate beyond the
+budget costs infinity. All randomness comes from ``population.state`` (`simloop.planners.splitmix`).
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ from simloop.planners.splitmix import State, below, uniform
 
 
 class Objective(Protocol):
-    """What is minimised over a box.
+    """A function to minimise over a box.
 
     Attributes:
         low: (d,) least value of each coordinate.
@@ -42,9 +44,9 @@ class Objective(Protocol):
 
         Args:
             x: (n, d) vectors within the box.
-            out: (n,) takes the costs.
-            bounds: (n,) costs above which the exact one does not matter; any value above the bound
-                will do there.
+            out: (n,) receives the costs.
+            bounds: (n,) costs above which the exact value does not matter; any value above the
+                bound is then allowed.
         """
         ...
 
@@ -54,10 +56,10 @@ def draw_uniform(x: FloatArray, low: FloatArray, high: FloatArray, state: State)
     """Fill an array with vectors drawn uniformly from a box.
 
     Args:
-        x: (n, d) takes the vectors.
+        x: (n, d) receives the vectors.
         low: (d,) least value of each coordinate.
         high: (d,) greatest value of each coordinate.
-        state: (1,) of the random generator.
+        state: (1,) state of the random generator.
     """
     for k in range(x.shape[0]):
         for j in range(x.shape[1]):
@@ -66,7 +68,7 @@ def draw_uniform(x: FloatArray, low: FloatArray, high: FloatArray, state: State)
 
 @njit(cache=True)
 def _keep_inside(x: FloatArray, low: FloatArray, high: FloatArray, reflect: bool) -> None:
-    """Clip to the box, or fold back into it at its walls; what is not finite goes to the middle."""
+    """Clip to the box, or reflect at its walls; a value that is not finite goes to the middle."""
     for k in range(x.shape[0]):
         for j in range(x.shape[1]):
             value = x[k, j]
@@ -87,7 +89,7 @@ def _accept(
     offered: FloatArray,
     improved: FloatArray,
 ) -> None:
-    """Greedy acceptance, one by one; improved[k] is 1 where the candidate was taken."""
+    """Accept candidates greedily, one by one; improved[k] is 1 if candidate k was accepted."""
     for k in range(cost.size):
         improved[k] = 1.0 if offered[k] < cost[k] else 0.0
         if offered[k] < cost[k]:
@@ -99,7 +101,10 @@ def _accept(
 def _move_duplicates(
     x: FloatArray, cost: FloatArray, low: FloatArray, high: FloatArray, state: State
 ) -> int:
-    """Redraw one coordinate of each row that equals another; its cost becomes NaN. How many."""
+    """Redraw one coordinate of each row that equals another row, and set its cost to NaN.
+
+    Returns the number of redrawn rows.
+    """
     moved = 0
     order = np.argsort(cost, kind="mergesort")
     for i in range(1, cost.size):
@@ -118,25 +123,26 @@ def _move_duplicates(
 
 
 class Population:
-    """A population over a box, its budget, and the best that it has ever seen.
+    """A population over a box, its budget, and the best individual found so far.
 
     Attributes:
-        objective: What is minimised.
-        state: (1,) of the random generator.
-        budget: Evaluations that may be spent.
-        spent: Evaluations that have been spent.
+        objective: The function to minimise.
+        state: (1,) state of the random generator.
+        budget: Number of evaluations allowed.
+        spent: Number of evaluations made.
         low: (d,) least value of each coordinate.
         high: (d,) greatest value of each coordinate.
         x: (n, d) the individuals.
         cost: (n,) their costs.
-        candidate: (n, d) where a rule writes what it offers.
+        candidate: (n, d) the candidates that a rule writes.
         offered: (n,) costs of the candidates.
-        improved: (n,) 1 where the last candidate offered was taken, else 0.
-        best_x: (d,) the best vector ever seen.
+        improved: (n,) 1 if the last candidate was accepted, else 0.
+        best_x: (d,) the best vector found so far.
         best_cost: Its cost.
-        history: Evaluations and best cost from then on, one entry for each gain.
-        generation: Generations that have begun.
-        generations: Generations that the budget has room for: the horizon of rules with a schedule.
+        history: Number of evaluations and best cost, one entry for each gain.
+        generation: Number of generations begun.
+        generations: Number of generations that the budget allows: the horizon of rules with a
+            schedule.
     """
 
     def __init__(
@@ -156,24 +162,24 @@ class Population:
 
     @property
     def size(self) -> int:
-        """How many individuals there are."""
+        """Number of individuals."""
         return len(self.cost)
 
     @property
     def progress(self) -> float:
-        """Share of the schedule that is over, 0 to 1."""
+        """Elapsed share of the schedule, 0 to 1."""
         return min(1.0, self.generation / self.generations)
 
     @property
     def exhausted(self) -> bool:
-        """Whether not a single evaluation is left."""
+        """Whether no evaluation is left."""
         return self.spent >= self.budget
 
     def draw(self, first: FloatArray | None = None) -> None:
         """Draw and evaluate the first population.
 
         Args:
-            first: (m <= n, d) individuals that are given; the others are drawn.
+            first: (m, d) given individuals, of which at most n are used; the others are drawn.
         """
         draw_uniform(self.x, self.low, self.high, self.state)
         if first is not None:
@@ -183,12 +189,12 @@ class Population:
         self.evaluate(self.x, self.cost)
 
     def evaluate(self, x: FloatArray, out: FloatArray, bounds: FloatArray | None = None) -> None:
-        """Evaluate vectors as far as the budget goes, and keep the best and the history.
+        """Evaluate vectors while the budget lasts, and update the best and the history.
 
         Args:
             x: (m, d) vectors.
-            out: (m,) takes their costs; infinity where the budget is spent.
-            bounds: (m,) costs above which the exact one does not matter; by default there are none.
+            out: (m,) receives their costs; infinity where the budget is spent.
+            bounds: (m,) costs above which the exact value does not matter; by default none.
         """
         count = min(len(x), max(0, self.budget - self.spent))
         limit = np.full(len(x), np.inf) if bounds is None else bounds
@@ -204,26 +210,26 @@ class Population:
             self.history.append((self.spent, self.best_cost))
 
     def offer(self) -> None:
-        """Evaluate the candidates; each replaces its own parent where it is better."""
+        """Evaluate the candidates; each replaces its own parent if it is better."""
         _keep_inside(self.candidate, self.low, self.high, self._reflect)
         self.evaluate(self.candidate, self.offered, self.cost)
         _accept(self.x, self.cost, self.candidate, self.offered, self.improved)
 
     def price(self) -> None:
-        """Put the candidates into the box, and their costs, in full, into ``offered``."""
+        """Keep the candidates inside the box and write their exact costs into ``offered``."""
         _keep_inside(self.candidate, self.low, self.high, self._reflect)
         self.evaluate(self.candidate, self.offered)
 
     def replace(self) -> None:
-        """Make the candidates the population, better or not."""
+        """Replace the population by the candidates, better or not."""
         self.price()
         self.x[:], self.cost[:] = self.candidate, self.offered
 
     def remove_duplicates(self) -> int:
-        """Mutate one coordinate of each individual that equals another.
+        """Mutate one coordinate of each individual that equals another one.
 
         Returns:
-            How many were moved.
+            Number of mutated individuals.
         """
         moved = _move_duplicates(self.x, self.cost, self.low, self.high, self.state)
         if moved:
@@ -240,20 +246,20 @@ class NoOptions:
 
 
 class Rule:
-    """Base of the update rules. A new one is made for each plan, so a rule may keep memory."""
+    """Base of the update rules. Each plan makes a new one, so a rule may keep memory."""
 
     name: ClassVar[str] = ""
     Options: ClassVar[Any] = NoOptions
     coding: ClassVar[str] = "box"
-    """How a vector becomes a path, see `codings`."""
+    """Name of the coding of the paths, see `codings`."""
     points: ClassVar[int] = 8
-    """Inner waypoints of a path."""
+    """Number of inner waypoints of a path."""
     seeding: ClassVar[str] = "seeded"
-    """Where the first population comes from, see `population_planner.Setup`."""
+    """Source of the first population, see `population_planner.Setup`."""
     evaluations: ClassVar[float] = 1.0
-    """Evaluations an individual a generation."""
+    """Evaluations per individual and generation."""
     scheduled: ClassVar[bool] = False
-    """Whether it follows a schedule over the whole budget, so that idling does not end it."""
+    """Whether the rule has a schedule over the whole budget; idle generations do not end it."""
     reflect: ClassVar[bool] = False
 
     def __init__(self, options: Any = None) -> None:
@@ -261,24 +267,24 @@ class Rule:
 
     @property
     def examined(self) -> int | None:
-        """At how many points within a segment clearance is examined; None: all along the curve."""
+        """Number of examined points within a segment; None for the clearance of the whole path."""
         return None
 
     def begin(self, population: Population) -> None:
-        """Prepare for the first generation. It is called once, with the first population evaluated.
+        """Prepare for the first generation; called once, after the first evaluation.
 
         Args:
-            population: The population.
+            population: The evaluated first population.
         """
 
     def generation(self, population: Population) -> None:
-        """Make one generation.
+        """Compute one generation.
 
         Args:
             population: The population; changed.
 
         Raises:
-            NotImplementedError: If the rule does not say how.
+            NotImplementedError: If the rule does not define it.
         """
         raise NotImplementedError
 
@@ -286,16 +292,16 @@ class Rule:
 def minimise(
     rule: Rule, population: Population, first: FloatArray | None = None, *, idle: int = 10**9
 ) -> int:
-    """Run a rule until the budget is spent or too many generations in a row bring nothing.
+    """Run a rule until the budget is spent or too many consecutive generations bring no gain.
 
     Args:
         rule: The rule.
-        population: The population; drawn anew.
-        first: (m, d) individuals of the first population that are given.
-        idle: Generations without a gain that end it; they do not end a rule with a schedule.
+        population: The population; it is drawn anew.
+        first: (m, d) given individuals of the first population.
+        idle: Number of generations without a gain that ends a rule without a schedule.
 
     Returns:
-        How many generations there were.
+        Number of generations.
     """
     population.draw(first)
     each = max(1, round(rule.evaluations * population.size))

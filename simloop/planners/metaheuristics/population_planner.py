@@ -1,4 +1,4 @@
-"""A planner made of a rule, a coding, a first population and a budget."""
+"""Population planner: a planner made of a rule, a coding, a first population and a budget."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ _HERE_M = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """What every rule's planner understands of ``[planner.options]``.
+    """The keys of ``[planner.options]`` that every rule's planner takes.
 
     Attributes:
-        points: Inner waypoints of a path; 0 for the rule's own number.
+        points: Number of inner waypoints of a path; 0 for the rule's own number.
         coding: One of `codings.CODINGS`; empty for the rule's own.
-        seeding: ``seeded`` (routes and bends) or ``uniform`` (as the papers print it); empty for
-            the rule's own.
+        seeding: ``seeded`` (routes and bends) or ``uniform`` (as in the papers); empty for the
+            rule's own.
     """
 
     points: int = 0
@@ -46,13 +46,13 @@ def read_options(rule: type[Rule], given: dict[str, Any]) -> tuple[Setup, Any]:
 
     Args:
         rule: The rule's class.
-        given: The keys and values.
+        given: The keys and values of ``[planner.options]``.
 
     Returns:
-        What concerns the planner, and the rule's own ``Options``.
+        The planner's `Setup`, and the rule's own ``Options``.
 
     Raises:
-        ValueError: One line that says which option is wrong and what is allowed.
+        ValueError: If an option is wrong; the message says which one and what is allowed.
     """
     known = {f.name: f.default for f in (*fields(Setup), *fields(rule.Options))}
     for key, value in given.items():
@@ -61,7 +61,7 @@ def read_options(rule: type[Rule], given: dict[str, Any]) -> tuple[Setup, Any]:
         default: Any = known[key]
         wanted = (int, float) if isinstance(default, float) else type(default)
         if not isinstance(value, wanted) or (isinstance(value, bool) and default is not value):
-            kind = {int: "a whole number", float: "a number", str: "a text"}[type(default)]
+            kind = {int: "a whole number", float: "a number", str: "a string"}[type(default)]
             raise ValueError(f"option {key}: must be {kind}, not {value!r}")
         if not isinstance(value, str) and not 0 <= value <= 1e6:
             raise ValueError(f"option {key}: must be between 0 and 1e6, not {value!r}")
@@ -77,7 +77,7 @@ def read_options(rule: type[Rule], given: dict[str, Any]) -> tuple[Setup, Any]:
 
 
 class PopulationPlanner:
-    """A planner that searches with a rule; it follows `simloop.planners.protocol.Planner`."""
+    """A planner that searches with a rule; it implements `simloop.planners.protocol.Planner`."""
 
     def __init__(self, rule: type[Rule], config: PlannerConfig, vehicle: VehicleConfig) -> None:
         self._rule, self._config, self.name = rule, config, rule.name
@@ -87,15 +87,15 @@ class PopulationPlanner:
     def plan(self, task: PlanningTask, rng: np.random.Generator) -> Plan:
         """Plan a path for a task.
 
-        What lies ahead of the previous plan is one of a seeded first population. Rules that begin
-        uniformly, as the papers print them, begin anew.
+        A seeded first population contains the remaining part of the previous plan. Rules with a
+        uniform first population, as in the papers, ignore the previous plan.
 
         Args:
-            task: Where to plan.
+            task: The task.
             rng: The only source of randomness; one number is drawn.
 
         Returns:
-            The plan, with some of the last population as its candidates, and its history.
+            The plan, with its history, and some of the last population as its candidates.
         """
         problem = problem_of(self._config, self._overhang, task)
         population, objective, generations = self._search(problem, rng, task.previous)
@@ -117,7 +117,7 @@ class PopulationPlanner:
     def _search(
         self, problem: Problem, rng: np.random.Generator, previous: Plan | None
     ) -> tuple[Population, PathObjective, int]:
-        """The last population, its objective, and how many generations there were."""
+        """Search; return the last population, its objective, and the number of generations."""
         config, setup, rule = self._config, self._setup, self._rule(self._options)
         coding = make_coding(problem, setup.coding or rule.coding, setup.points or rule.points)
         objective = PathObjective(problem, coding, rule.examined)
@@ -131,7 +131,7 @@ class PopulationPlanner:
             old_way = way_ahead(problem, previous)
             if old_way is not None:
                 first[-1] = encode(problem, coding, old_way)
-            # What the routes took is part of the account, but leaves room for one population.
+            # The trials of the route search count, but the budget covers at least one population.
             most = max(0, config.max_evaluations - config.learners)
             population.spent = min(int(problem.trials[0]), most)
         generations = minimise(rule, population, first, idle=config.idle_generations)

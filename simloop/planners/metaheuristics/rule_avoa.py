@@ -1,6 +1,6 @@
 """African vultures optimisation (Abdollahzadeh, Gharehchopogh, Mirjalili 2021).
 
-Its print in Abed 2022 is garbled, so Eqs. 1-18 of the original are used.
+Eqs. 1-18 of the original are used, because those printed in Abed 2022 are garbled.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ class AvoaOptions:
 
     Attributes:
         p1: Chance of the first way of exploring.
-        p2: Chance of the first way of the second phase of exploitation.
-        p3: Chance of the first way of the first phase of exploitation.
-        first: Chance to follow the best vulture and not the second (L1).
+        p2: Chance of the first way in the second phase of exploitation.
+        p3: Chance of the first way in the first phase of exploitation.
+        first: Chance to follow the best vulture instead of the second best (L1).
         gamma: How early exploration ends (w).
         levy_step: Step of the Levy flight.
     """
@@ -42,7 +42,7 @@ class AvoaOptions:
 
 @njit(cache=True)
 def _levy_sigma() -> float:
-    """Width of the Gaussian in Mantegna's Levy flight, Eq. 18."""
+    """Compute the width of the Gaussian in Mantegna's Levy flight, Eq. 18."""
     sigma = math.gamma(1.0 + _LEVY) * math.sin(0.5 * math.pi * _LEVY)
     sigma /= math.gamma(0.5 * (1.0 + _LEVY)) * _LEVY * 2.0 ** (0.5 * (_LEVY - 1.0))
     return float(sigma ** (1.0 / _LEVY))
@@ -67,17 +67,17 @@ def soar(
 
     Args:
         x: (n, d) the vultures.
-        candidate: (n, d) takes where they go.
-        best: (2, d) the two best.
+        candidate: (n, d) receives their new positions.
+        best: (2, d) the two best positions.
         low: (d,) least value of each coordinate.
         high: (d,) greatest value of each coordinate.
-        hunger: What multiplies z in Eq. 4.
+        hunger: Factor of z in Eq. 4.
         p1: See `AvoaOptions`.
         p2: See `AvoaOptions`.
         p3: See `AvoaOptions`.
         first: See `AvoaOptions`.
         levy_step: See `AvoaOptions`.
-        state: (1,) of the random generator.
+        state: (1,) state of the random generator.
     """
     n, d = x.shape
     sigma = _levy_sigma()
@@ -100,7 +100,7 @@ def soar(
                 else:
                     turn = r[j] * here / (2.0 * math.pi)
                     y = r[j] - turn * (b * math.cos(here) + c * math.sin(here))
-            elif a < p2:  # exploitation, second phase: about both of the best, or a Levy flight
+            elif a < p2:  # exploitation, second phase: about both best, or a Levy flight
                 y = 0.0
                 for i in range(2):
                     v = best[i, j]
@@ -112,14 +112,14 @@ def soar(
 
 
 class AfricanVultures(Rule):
-    """Every vulture moves, whether that is better or not; the two best ever seen lead."""
+    """Every vulture moves, even if its cost rises; the two best positions so far lead."""
 
     name = "avoa"
     Options = AvoaOptions
     scheduled = True
 
     def begin(self, population: Population) -> None:
-        """Remember the two best of the first population.
+        """Store the two best of the first population.
 
         Args:
             population: The population.
@@ -129,7 +129,7 @@ class AfricanVultures(Rule):
         self._remember(population)
 
     def _remember(self, p: Population) -> None:
-        """Keep the two best positions ever seen, two different ones."""
+        """Store the two best positions found so far; they are different."""
         for k in np.argsort(p.cost, kind="mergesort")[:2]:
             if p.cost[k] < self._best_cost[0]:
                 self._best_x[1], self._best_cost[1] = self._best_x[0], self._best_cost[0]
@@ -140,7 +140,7 @@ class AfricanVultures(Rule):
             self._best_x[1] = self._best_x[0]
 
     def generation(self, population: Population) -> None:
-        """Make one generation, Eqs. 3 and 4 for the hunger.
+        """Compute one generation, with the hunger by Eqs. 3 and 4.
 
         Args:
             population: The population; changed.

@@ -18,7 +18,7 @@ class DeOptions:
 
     Attributes:
         factor: F, the weight of the difference.
-        crossover: CR, the chance of a coordinate to be taken.
+        crossover: CR, the chance that a coordinate is taken over.
     """
 
     factor: float = 0.5
@@ -27,14 +27,14 @@ class DeOptions:
 
 @njit(cache=True)
 def mix(x: FloatArray, candidate: FloatArray, f: float, cr: float, state: State) -> None:
-    """DE/rand/1/bin: a + f (b - c) in at least one coordinate; a, b, c and k all different.
+    """Compute DE/rand/1/bin: a + f (b - c) in at least one coordinate; a, b, c and k differ.
 
     Args:
         x: (n, d) the individuals.
-        candidate: (n, d) takes what is offered.
+        candidate: (n, d) receives the candidates.
         f: Weight of the difference.
-        cr: Chance of a coordinate to be taken.
-        state: (1,) of the random generator.
+        cr: Chance that a coordinate is taken over.
+        state: (1,) state of the random generator.
     """
     n, d = x.shape
     for k in range(n):
@@ -58,7 +58,7 @@ class DifferentialEvolution(Rule):
     Options = DeOptions
 
     def generation(self, population: Population) -> None:
-        """Make one generation.
+        """Compute one generation.
 
         Args:
             population: The population; changed.
@@ -73,7 +73,7 @@ class AbcOptions:
     """Parameters of the bee colony.
 
     Attributes:
-        limit: Failures after which a source is abandoned; 0: sources times dimensions, as usual.
+        limit: Failures after which a source is abandoned; 0 for the usual sources x dimensions.
     """
 
     limit: int = 0
@@ -88,9 +88,9 @@ def forage(
     Args:
         x: (n, d) the sources.
         cost: (n,) their costs.
-        source: (n,) which source each bee goes to.
-        candidate: (n, d) takes what the bees find.
-        state: (1,) of the random generator.
+        source: (n,) the source that each bee visits.
+        candidate: (n, d) receives the sources that the bees find.
+        state: (1,) state of the random generator.
     """
     n, d = x.shape
     for k in range(n):
@@ -103,12 +103,14 @@ def forage(
 
 @njit(cache=True)
 def onlook(cost: FloatArray, source: FloatArray, state: State) -> None:
-    """Let each onlooker choose a source, the likelier the fitter: 1/(1 + J), or 1 + |J| below zero.
+    """Let each onlooker choose a source, with a chance proportional to its fitness.
+
+    The fitness is 1/(1 + J), or 1 + |J| if J is negative.
 
     Args:
         cost: (n,) costs of the sources.
-        source: (n,) takes the source that each bee goes to.
-        state: (1,) of the random generator.
+        source: (n,) receives the source that each bee visits.
+        state: (1,) state of the random generator.
     """
     n = cost.size
     sums = np.empty(n)
@@ -129,15 +131,15 @@ def settle_bees(
     offered: FloatArray,
     failures: FloatArray,
 ) -> None:
-    """Choose greedily at each bee's source; what does not improve it counts as a failure.
+    """Choose greedily at each bee's source; a candidate that is no better counts as a failure.
 
     Args:
         x: (n, d) the sources; changed.
         cost: (n,) their costs; changed.
-        source: (n,) which source each bee went to.
-        candidate: (n, d) what the bees found.
-        offered: (n,) its costs.
-        failures: (n,) failures in a row at each source; changed.
+        source: (n,) the source that each bee visited.
+        candidate: (n, d) the sources that the bees found.
+        offered: (n,) costs of the candidates.
+        failures: (n,) consecutive failures at each source; changed.
     """
     for k in range(cost.size):
         i = int(source[k])
@@ -150,7 +152,7 @@ def settle_bees(
 
 
 class BeeColony(Rule):
-    """Employed bees, onlookers, and one scout at most a generation."""
+    """Employed bees, onlookers, and at most one scout per generation."""
 
     name = "abc"
     Options = AbcOptions
@@ -166,7 +168,7 @@ class BeeColony(Rule):
         self._source = np.arange(population.size, dtype=np.float64)
 
     def generation(self, population: Population) -> None:
-        """Make one generation: employed bees, onlookers, then a scout where a source is abandoned.
+        """Compute one generation: employed bees, onlookers, then a scout for an abandoned source.
 
         Args:
             population: The population; changed.

@@ -18,7 +18,7 @@ class GaOptions:
     """Parameters of the genetic algorithm (Deb & Agrawal 1995; Deb 2001).
 
     Attributes:
-        crossover: Share of pairs that cross.
+        crossover: Share of pairs that are crossed.
         crossover_index: Distribution index of the simulated binary crossover.
         mutation_index: Distribution index of the polynomial mutation.
     """
@@ -30,7 +30,7 @@ class GaOptions:
 
 @njit(cache=True)
 def _spread(beta: float, eta: float, u: float) -> float:
-    """Deb's spread factor, bounded so that the child stays in the box."""
+    """Compute Deb's spread factor, bounded so that the child stays in the box."""
     alpha = 2.0 - beta ** -(eta + 1.0)
     if u <= 1.0 / alpha:
         return (u * alpha) ** (1.0 / (eta + 1.0))
@@ -41,7 +41,7 @@ def _spread(beta: float, eta: float, u: float) -> float:
 def cross(
     a: FloatArray, b: FloatArray, low: FloatArray, high: FloatArray, eta: float, state: State
 ) -> None:
-    """Simulated binary crossover of two rows in place, each coordinate with even chance.
+    """Cross two rows in place by simulated binary crossover, each coordinate with chance 1/2.
 
     Args:
         a: (d,) one parent; becomes a child.
@@ -49,7 +49,7 @@ def cross(
         low: (d,) least value of each coordinate.
         high: (d,) greatest value of each coordinate.
         eta: Distribution index.
-        state: (1,) of the random generator.
+        state: (1,) state of the random generator.
     """
     for j in range(a.size):
         if uniform(state) >= 0.5 or abs(a[j] - b[j]) <= 1e-14:
@@ -70,15 +70,15 @@ def cross(
 def mutate(
     row: FloatArray, low: FloatArray, high: FloatArray, chance: float, eta: float, state: State
 ) -> None:
-    """Polynomial mutation of a row in place.
+    """Mutate a row in place by polynomial mutation.
 
     Args:
         row: (d,) the individual; changed.
         low: (d,) least value of each coordinate.
         high: (d,) greatest value of each coordinate.
-        chance: Chance of each coordinate to be mutated.
+        chance: Chance that a coordinate is mutated.
         eta: Distribution index.
-        state: (1,) of the random generator.
+        state: (1,) state of the random generator.
     """
     for j in range(row.size):
         wide = high[j] - low[j]
@@ -102,7 +102,7 @@ def tournament(cost: FloatArray, state: State) -> int:
 
     Args:
         cost: (n,) costs of the individuals.
-        state: (1,) of the random generator.
+        state: (1,) state of the random generator.
 
     Returns:
         Index of the better one.
@@ -128,13 +128,13 @@ def breed(
     Args:
         x: (n, d) the parents.
         cost: (n,) their costs.
-        candidate: (any number, d) takes the children.
+        candidate: (any number, d) receives the children.
         low: (d,) least value of each coordinate.
         high: (d,) greatest value of each coordinate.
-        rate: Share of pairs that cross.
+        rate: Share of pairs that are crossed.
         cross_eta: Distribution index of the crossover.
         mutation_eta: Distribution index of the mutation.
-        state: (1,) of the random generator.
+        state: (1,) state of the random generator.
     """
     n, d = candidate.shape
     spare = np.empty(d)
@@ -152,14 +152,14 @@ def breed(
 class GeneticAlgorithm(Rule):
     """Tournament, simulated binary crossover and polynomial mutation.
 
-    The best of parents and children live on.
+    The best of parents and children survive.
     """
 
     name = "ga"
     Options = GaOptions
 
     def generation(self, population: Population) -> None:
-        """Make one generation.
+        """Compute one generation.
 
         Args:
             population: The population; changed.
@@ -199,13 +199,13 @@ class GaPsoOptions:
 
 
 class GaPso(Rule):
-    """Juang 2004: the better half flies as a swarm does, and the other half is bred from it."""
+    """Juang 2004: the better half moves as a particle swarm, and the other half is bred from it."""
 
     name = "ga_pso"
     Options = GaPsoOptions
 
     def begin(self, population: Population) -> None:
-        """Give every particle no speed, and its own place as its best.
+        """Start every particle with zero velocity and its own position as its best.
 
         Args:
             population: The population.
@@ -214,7 +214,7 @@ class GaPso(Rule):
         self._own_x, self._own_cost = population.x.copy(), population.cost.copy()
 
     def generation(self, population: Population) -> None:
-        """Make one generation.
+        """Compute one generation.
 
         Args:
             population: The population; changed.

@@ -1,6 +1,6 @@
 """Particle swarms: the global-best swarm and the adaptive one.
 
-Sources: Kennedy & Eberhart 1995 with the figures of Clerc & Kennedy 2002; Zhan, Zhang, Li, Chung
+Sources: Kennedy & Eberhart 1995 with the parameters of Clerc & Kennedy 2002; Zhan, Zhang, Li, Chung
 2009 for the adaptive swarm.
 """
 
@@ -24,9 +24,9 @@ class PsoOptions:
 
     Attributes:
         inertia: w, the share of the velocity that is kept.
-        own: c1, the pull of a particle's own best place.
-        social: c2, the pull of the best place ever seen.
-        speed_limit: Greatest velocity, as a share of the box's width a generation.
+        own: c1, the pull of a particle's own best position.
+        social: c2, the pull of the best position found so far.
+        speed_limit: Largest velocity, as a share of the box's width per generation.
     """
 
     inertia: float = 0.729
@@ -52,21 +52,21 @@ def fly(
 ) -> None:
     """Move every particle: v = w v + c1 r1 (own best - x) + c2 r2 (best - x), limited.
 
-    A particle that meets a wall of the box stops there in that coordinate.
+    A particle that meets a wall of the box stops in that coordinate.
 
     Args:
         x: (n, d) the particles.
         speed: (n, d) their velocities; changed.
-        own_x: (n, d) the best place of each.
-        best_x: (d,) the best place ever seen.
-        candidate: (n, d) takes where they go.
+        own_x: (n, d) the best position of each particle.
+        best_x: (d,) the best position found so far.
+        candidate: (n, d) receives the new positions.
         low: (d,) least value of each coordinate.
         high: (d,) greatest value of each coordinate.
         w: Inertia.
-        c1: Pull of a particle's own best place.
-        c2: Pull of the best place ever seen.
-        limit: Greatest velocity, as a share of the box's width.
-        state: (1,) of the random generator.
+        c1: Pull of a particle's own best position.
+        c2: Pull of the best position found so far.
+        limit: Largest velocity, as a share of the box's width.
+        state: (1,) state of the random generator.
     """
     n, d = x.shape
     for k in range(n):
@@ -81,13 +81,13 @@ def fly(
 
 
 class ParticleSwarm(Rule):
-    """Global-best swarm; velocities begin at zero."""
+    """Global-best swarm; the first velocities are zero."""
 
     name = "pso"
     Options: ClassVar[Any] = PsoOptions
 
     def begin(self, population: Population) -> None:
-        """Give every particle no speed, and its own place as its best.
+        """Start every particle with zero velocity and its own position as its best.
 
         Args:
             population: The population.
@@ -105,7 +105,7 @@ class ParticleSwarm(Rule):
         self._own_x[better], self._own_cost[better] = p.x[better], p.cost[better]
 
     def generation(self, population: Population) -> None:
-        """Make one generation.
+        """Compute one generation.
 
         Args:
             population: The population; changed.
@@ -119,9 +119,9 @@ class ApsoOptions:
     """Parameters of the adaptive swarm (Zhan 2009).
 
     Attributes:
-        speed_limit: Greatest velocity, as a share of the box's width a generation.
+        speed_limit: Largest velocity, as a share of the box's width per generation.
         learn_high: Width of the elitist learning's Gaussian at the start.
-        learn_low: Its width at the end.
+        learn_low: Width of that Gaussian at the end.
     """
 
     speed_limit: float = 0.2
@@ -131,14 +131,14 @@ class ApsoOptions:
 
 @njit(cache=True)
 def evolutionary_factor(x: FloatArray, best: int) -> float:
-    """Return f of Zhan 2009, Eq. 7: how far the best particle is from the others.
+    """Compute f of Zhan 2009, Eq. 7: how far the best particle is from the others.
 
     Args:
         x: (n, d) the particles.
         best: Index of the best one.
 
     Returns:
-        0 (amid the others) to 1 (farthest out).
+        0 (among the others) to 1 (farthest out).
     """
     n, d = x.shape
     least, most, at_best = np.inf, 0.0, 0.0
@@ -160,7 +160,7 @@ EXPLORE, EXPLOIT, CONVERGE, JUMP_OUT = 0, 1, 2, 3
 
 
 def memberships(f: float) -> tuple[float, float, float, float]:
-    """Return the fuzzy membership of f in the four states, Zhan 2009, Eqs. 8a-8d.
+    """Compute the fuzzy membership of f in the four states, Zhan 2009, Eqs. 8a-8d.
 
     Args:
         f: The evolutionary factor, 0 to 1.
@@ -178,7 +178,7 @@ def memberships(f: float) -> tuple[float, float, float, float]:
 def classify(f: float, before: int) -> int:
     """Choose the state of the swarm, in Zhan's sequence explore, exploit, converge, jump out.
 
-    Where two states overlap, the present one stays, or else the next one in the sequence is taken.
+    If two states overlap, the present state is kept, or else the next one in the sequence is taken.
 
     Args:
         f: The evolutionary factor, 0 to 1.
@@ -197,9 +197,9 @@ def classify(f: float, before: int) -> int:
 
 
 class AdaptiveSwarm(ParticleSwarm):
-    """A swarm whose parameters follow its state (Zhan 2009).
+    """A swarm whose parameters depend on its state (Zhan 2009).
 
-    While it converges, the best tries a jump.
+    While it converges, the best particle tries a jump.
     """
 
     name = "apso"
@@ -207,7 +207,7 @@ class AdaptiveSwarm(ParticleSwarm):
     scheduled = True
 
     def begin(self, population: Population) -> None:
-        """Begin as the swarm does, exploring.
+        """Start as the particle swarm does, in the exploring state.
 
         Args:
             population: The population.
@@ -217,7 +217,7 @@ class AdaptiveSwarm(ParticleSwarm):
         self._swarm_state = EXPLORE
 
     def generation(self, population: Population) -> None:
-        """Make one generation.
+        """Compute one generation.
 
         Args:
             population: The population; changed.
@@ -232,7 +232,7 @@ class AdaptiveSwarm(ParticleSwarm):
         self._move(p, inertia, self._c1, self._c2, o.speed_limit)
 
     def _adapt(self, step: float) -> None:
-        """Table of Zhan 2009, Section III-C: each c in [1.5, 2.5], their sum in [3, 4]."""
+        """Adapt c1 and c2, Zhan 2009, Section III-C: each in [1.5, 2.5], their sum in [3, 4]."""
         own, social = {
             EXPLORE: (1.0, -1.0),
             EXPLOIT: (0.5, -0.5),
@@ -246,7 +246,7 @@ class AdaptiveSwarm(ParticleSwarm):
             self._c1, self._c2 = 4.0 * self._c1 / total, 4.0 * self._c2 / total
 
     def _elitist_learning(self, p: Population) -> None:
-        """One coordinate of the best jumps; where that is no gain, it replaces the worst."""
+        """Change one coordinate of the best; without a gain, the result replaces the worst."""
         o = self.options
         sigma = o.learn_high - (o.learn_high - o.learn_low) * p.progress
         jump, cost = p.best_x.reshape(1, -1).copy(), np.empty(1)

@@ -1,7 +1,7 @@
 """Teaching-learning-based rules.
 
-As the 2022 papers print it, elitist (Rao & Patel 2012), and with nonlinear inertia weights (Wu
-2016).
+Three variants: as in the 2022 papers, elitist (Rao & Patel 2012), and with nonlinear inertia
+weights (Wu 2016).
 """
 
 from __future__ import annotations
@@ -26,17 +26,18 @@ def teach(
     floor: float,
     state: State,
 ) -> None:
-    """Teacher phase, Eqs. 20-23: candidate = weight x + r (teacher - T_f mean), one r a subject.
+    """Run the teacher phase, Eqs. 20-23: candidate = weight x + r (teacher - T_f mean).
 
-    As printed: weight 1, floor 0. Wu's Eqs. 2 and 5: weight w, floor 1/2.
+    There is one r per subject. In the 2022 papers: weight 1, floor 0. In Wu's Eqs. 2 and 5:
+    weight w, floor 1/2.
 
     Args:
         x: (n, d) the learners.
         cost: (n,) their costs.
-        candidate: (n, d) takes what is offered.
+        candidate: (n, d) receives the candidates.
         weight: Inertia weight.
-        floor: Least value of r; the greatest is 1.
-        state: (1,) of the random generator.
+        floor: Least value of r; the largest is 1.
+        state: (1,) state of the random generator.
     """
     n, d = x.shape
     teacher = np.argmin(cost)
@@ -60,15 +61,15 @@ def learn(
     floor: float,
     state: State,
 ) -> None:
-    """Learner phase, Eq. 25 (Wu's Eq. 6): away from a worse fellow, towards a better one.
+    """Run the learner phase, Eq. 25 (Wu's Eq. 6): away from worse learners, towards better ones.
 
     Args:
         x: (n, d) the learners.
         cost: (n,) their costs.
-        candidate: (n, d) takes what is offered; as it was where both are equal.
+        candidate: (n, d) receives the candidates; unchanged where both learners are equal.
         weight: Inertia weight.
-        floor: Least value of r; the greatest is 1.
-        state: (1,) of the random generator.
+        floor: Least value of r; the largest is 1.
+        state: (1,) state of the random generator.
     """
     n, d = x.shape
     for k in range(n):
@@ -82,7 +83,7 @@ def learn(
 
 
 def teach_and_learn(p: Population, weight: float, floor: float) -> None:
-    """Run both phases; each learner keeps the better (Eq. 24).
+    """Run both phases; each learner keeps the better solution (Eq. 24).
 
     Args:
         p: The population; changed.
@@ -97,26 +98,27 @@ def teach_and_learn(p: Population, weight: float, floor: float) -> None:
 
 @dataclass(frozen=True, slots=True)
 class PaperOptions:
-    """Parameters of the printed rule.
+    """Parameters of the rule as in the papers.
 
     Attributes:
-        examined: Points within each segment at which the distance d_j "during the vehicle motion"
-            is
-            examined besides the waypoints. With 0 it is the waypoints alone, as the index of Eq. 8
-            says; most paths then cut through obstacles, which those of the papers' figures do not.
+        examined: Number of points within each segment, besides the waypoints, at which the
+            distance d_j "during the vehicle motion" is examined. 0 examines the waypoints alone,
+            as the index of Eq. 8 says. Most paths then cut through obstacles, unlike those in
+            the papers' figures.
     """
 
     examined: int = 30
 
 
 class TlboPaper(Rule):
-    """TLBO as Sabiha 2022 prints it, its defects included.
+    """TLBO as in Sabiha 2022, with its defects.
 
-    Clearance is examined at some points only, one term an obstacle (Eqs. 8, 16), and not between
-    them. Points beyond the box are clipped to its wall (Eq. 26), where many coincide and hide their
-    turning. The teacher's step depends on where the origin is (Eq. 21 with T_f = 2). There are two
-    evaluations a
-    learner a generation. M is not given: a path has six points, of which four are sought.
+    - Clearance is examined at some points only, one term per obstacle (Eqs. 8, 16).
+    - Points beyond the box are clipped to its wall (Eq. 26). Many coincide there, which hides their
+      turning.
+    - The teacher's step depends on the position of the origin (Eq. 21 with T_f = 2).
+    - Each learner needs two evaluations per generation.
+    - M is not given: here a path has six points, of which four are searched.
     """
 
     name = "tlbo_paper"
@@ -127,11 +129,11 @@ class TlboPaper(Rule):
 
     @property
     def examined(self) -> int:
-        """At how many points within a segment clearance is examined."""
+        """Number of examined points within a segment."""
         return int(self.options.examined)
 
     def generation(self, population: Population) -> None:
-        """Make one generation.
+        """Compute one generation.
 
         Args:
             population: The population; changed.
@@ -144,21 +146,21 @@ class ElitistOptions:
     """Parameters of the elitist rule.
 
     Attributes:
-        elites: How many of the best replace the worst (Rao & Patel 2012 try 0, 4, 8, 12, 16).
+        elites: Number of the best that replace the worst (Rao & Patel 2012 try 0, 4, 8, 12, 16).
     """
 
     elites: int = 4
 
 
 class TlboElitist(Rule):
-    """Rao & Patel 2012: the last generation's elite replaces the worst, and twins are mutated."""
+    """Rao & Patel 2012: the last generation's elite replaces the worst; duplicates are mutated."""
 
     name = "tlbo_elitist"
     Options = ElitistOptions
     evaluations = 2.0
 
     def generation(self, population: Population) -> None:
-        """Make one generation.
+        """Compute one generation.
 
         Args:
             population: The population; changed.
@@ -185,7 +187,7 @@ class NiwOptions:
 
 
 class Niwtlbo(Rule):
-    """Wu 2016, Eqs. 2-7: nonlinear inertia weight, random factor in [1/2, 1], twins mutated."""
+    """Wu 2016, Eqs. 2-7: nonlinear inertia weight, r in [1/2, 1], duplicates mutated."""
 
     name = "niwtlbo"
     Options = NiwOptions
@@ -195,7 +197,7 @@ class Niwtlbo(Rule):
     scheduled = True
 
     def generation(self, population: Population) -> None:
-        """Make one generation, the inertia weight by Eq. 4.
+        """Compute one generation, with the inertia weight by Eq. 4.
 
         Args:
             population: The population; changed.

@@ -1,6 +1,6 @@
 """Wind driven optimisation (Bayraktar, Komurcuoglu, Bossard, Werner 2013).
 
-Parcels of air move in a field of pressure, in the box scaled to [-1, 1].
+Parcels of air move in a pressure field; the box is scaled to [-1, 1].
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from simloop.planners.splitmix import State, below
 
 @dataclass(frozen=True, slots=True)
 class WdoOptions:
-    """Parameters of the wind, with Bayraktar 2013's figures.
+    """Parameters of the wind, with the values of Bayraktar 2013.
 
     Attributes:
         friction: alpha.
         gravity: g.
         gas: R T.
         coriolis: c.
-        speed_limit: Greatest velocity in the scaled box.
+        speed_limit: Largest velocity in the scaled box.
     """
 
     friction: float = 0.4
@@ -49,18 +49,18 @@ def blow(
     """Move all parcels, Eqs. 19-21.
 
     u = (1 - a) u - g x + |1/i - 1| R T (x_best - x) + c u_other / i, limited. i is the rank by
-    pressure, 1 the least; u_other is the parcel's velocity in a dimension drawn at random.
+    pressure, 1 for the least. u_other is the parcel's velocity in a randomly drawn dimension.
 
     Args:
         x: (n, d) the parcels.
         cost: (n,) their costs, the pressure.
         speed: (n, d) their velocities; changed.
-        best_x: (d,) the best place ever seen.
-        candidate: (n, d) takes where they go.
+        best_x: (d,) the best position found so far.
+        candidate: (n, d) receives the new positions.
         low: (d,) least value of each coordinate.
         high: (d,) greatest value of each coordinate.
-        figures: a, g, R T, c and the greatest velocity.
-        state: (1,) of the random generator.
+        figures: a, g, R T, c and the largest velocity.
+        state: (1,) state of the random generator.
     """
     alpha, gravity, gas, coriolis, limit = figures
     n, d = x.shape
@@ -82,7 +82,7 @@ def blow(
 
 
 class WindDriven(Rule):
-    """All parcels move, better or not; the best place ever seen pulls."""
+    """All parcels move, even if their cost rises; the best position so far attracts them."""
 
     name = "wdo"
     Options = WdoOptions
@@ -100,7 +100,7 @@ class WindDriven(Rule):
                 row[j] = limit * (2.0 * below(p.state, 1 << 30) / (1 << 30) - 1.0)
 
     def generation(self, population: Population) -> None:
-        """Make one generation.
+        """Compute one generation.
 
         Args:
             population: The population; changed.

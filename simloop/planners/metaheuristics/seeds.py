@@ -1,4 +1,4 @@
-"""First populations of paths, alike for every rule: routes with sideways bends."""
+"""First populations of paths, the same for every rule: routes with sideways bends."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ _SWING = 0.05
 
 
 def find_seed_routes(problem: Problem) -> list[FloatArray]:
-    """Find routes as the lead planner does. What is tried is counted in ``problem.trials``.
+    """Find routes as the lead planner does; the trials are counted in ``problem.trials``.
 
     Args:
         problem: The problem.
 
     Returns:
-        Routes (m, 2), m: their best mixture, if there is one, then the cheapest first; the straight
-        line if there are none.
+        Routes (m, 2), m: their best mixture, if there is one, then the cheapest first. If there
+        are none, the straight line.
     """
     stack = make_stack()
     routes = np.zeros((_ROUTES + 1, MAX_POINTS, 2))
@@ -42,13 +42,13 @@ def find_seed_routes(problem: Problem) -> list[FloatArray]:
 
 
 def seeded(problem: Problem, coding: Coding, size: int, state: State) -> FloatArray:
-    """Make a first population of routes and of routes with smooth sideways bends, wider and wider.
+    """Make a first population of routes, and of routes with smooth and growing sideways bends.
 
     Args:
         problem: The problem.
-        coding: How a path becomes a vector.
-        size: How many vectors.
-        state: (1,) of the random generator.
+        coding: The coding of the paths.
+        size: Number of vectors.
+        state: (1,) state of the random generator.
 
     Returns:
         (size, d) vectors within the box.

@@ -1,4 +1,4 @@
-"""The account of a plan: what its path costs by the common objective, and whether it is safe."""
+"""Account of a plan: the cost of its path by the common objective, and whether it is safe."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def problem_of(config: PlannerConfig, overhang_m: float, task: PlanningTask) -> 
 
     Args:
         config: The weights of the objective.
-        overhang_m: How far the footprint's foremost disc is ahead of base_link, m.
+        overhang_m: Distance of the footprint's foremost disc ahead of base_link, m.
         task: The view, the start, the goal and the safe distance.
 
     Returns:
@@ -45,21 +45,21 @@ def problem_of(config: PlannerConfig, overhang_m: float, task: PlanningTask) -> 
 
 @njit(cache=True)
 def _measure(p: Problem, path: FloatArray, stack: FloatArray) -> tuple[float, float, float, float]:
-    """Length, turning, start turn and summed intrusion of a path."""
+    """Compute the length, turning, start turn and summed intrusion of a path."""
     m = path.shape[0]
     length, turning = length_and_turning(path, m)
     return length, turning, start_turn(p, path, m), intrusion(p, path, m, np.inf, stack)
 
 
 def lack_of(p: Problem, path: FloatArray) -> float:
-    """Return the summed intrusion of a path.
+    """Compute the summed intrusion of a path.
 
     Args:
         p: The problem.
         path: (n, 2) waypoints in map, m.
 
     Returns:
-        The sum of R over the segments, m: 0 where the path keeps the safe distance all along.
+        The sum of R over the segments, m: 0 if the whole path keeps the safe distance.
     """
     return float(intrusion(p, path, len(path), np.inf, make_stack()))
 
@@ -73,19 +73,19 @@ def account(
     lack_m: float | None = None,
     **told: Any,
 ) -> Plan:
-    """Make the plan along a path, with the J that the common objective gives it.
+    """Make the plan along a path, with its J by the common objective.
 
     Args:
         name: The planner's name.
-        task: The task that was solved.
+        task: The task that the path solves.
         p: The task's problem.
         path: (n, 2) waypoints in map, m.
-        lack_m: What the path lacks, m, where that is more than clearance (a path that does not
-            reach the goal); by default its summed intrusion.
+        lack_m: Shortfall of the path, m, if it is more than missing clearance (for example a path
+            that does not reach the goal); by default its summed intrusion.
         **told: Further fields of `Plan`.
 
     Returns:
-        The plan; it is safe if nothing is lacking.
+        The plan; it is safe if its shortfall is zero.
     """
     length, turning, first_turn, lack = _measure(p, path, make_stack())
     lack = lack if lack_m is None else lack_m

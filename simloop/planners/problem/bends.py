@@ -1,7 +1,7 @@
-"""Change how many waypoints a polyline has: drop useless ones, merge bends, split bends.
+"""Change the number of waypoints of a polyline: drop useless ones, merge bends, split bends.
 
-In this module ``path`` is an array (>= m, 2) of which the first m rows are the polyline, in map,
-m. A function that changes the polyline writes into ``path`` and returns the new m. ``stack`` is
+In this module ``path`` is an array (>= m, 2). Its first m rows are the polyline, in map, m. A
+function that changes the polyline writes into ``path`` and returns the new m. ``stack`` is
 scratch from `objective.make_stack`.
 """
 
@@ -17,7 +17,7 @@ from simloop.planners.problem.clearance import Problem, segment_clearance
 from simloop.planners.problem.objective import evaluate
 
 MAX_POINTS = 40
-"""Most waypoints of any polyline here, both ends included."""
+"""Largest number of points of a polyline here, both ends included."""
 _MOST_MERGED_RAD = 1.2
 _MOST_LONGER_M = 0.1
 _APART_M = 1e-6
@@ -25,19 +25,19 @@ _APART_M = 1e-6
 
 @njit(cache=True)
 def is_clear(p: Problem, a: FloatArray, b: FloatArray, stack: FloatArray) -> bool:
-    """Tell whether a straight segment keeps the clearance that is asked for.
+    """Tell whether a straight segment keeps the required clearance.
 
-    It is half a tolerance stricter than the objective, so that every part of a clear segment is
+    The test is half a tolerance stricter than the objective, so every part of a clear segment is
     safe as well. It counts as a trial.
 
     Args:
         p: The problem.
-        a: (2,) where the segment begins, m.
-        b: (2,) where it ends, m.
+        a: (2,) start of the segment, m.
+        b: (2,) end of the segment, m.
         stack: Scratch.
 
     Returns:
-        Whether it is clear.
+        Whether the segment is clear.
     """
     p.trials[0] += 1
     need = p.safe_m - 0.5 * p.tolerance_m
@@ -49,9 +49,9 @@ def copy_path(source: FloatArray, m: int, target: FloatArray) -> None:
     """Copy the first m points of a path without a temporary array.
 
     Args:
-        source: (>= m, 2) where they come from, m.
-        m: How many.
-        target: (>= m, 2) where they go to.
+        source: (>= m, 2) the path to copy, m.
+        m: Number of points to copy.
+        target: (>= m, 2) receives the copy, m.
     """
     for i in range(m):
         target[i, 0] = source[i, 0]
@@ -64,13 +64,13 @@ def insert_point(path: FloatArray, m: int, at: int, x: float, y: float) -> int:
 
     Args:
         path: (> m, 2) the path, m; changed.
-        m: How many points it has.
-        at: Index that the new point gets.
-        x: Of the point, m.
-        y: Of the point, m.
+        m: Number of points of the path.
+        at: Index of the new point.
+        x: x of the new point, m.
+        y: y of the new point, m.
 
     Returns:
-        The new count.
+        The new number of points.
     """
     for k in range(m, at, -1):
         path[k, 0] = path[k - 1, 0]
@@ -82,19 +82,19 @@ def insert_point(path: FloatArray, m: int, at: int, x: float, y: float) -> int:
 
 @njit(cache=True)
 def pull_taut(p: Problem, chain: FloatArray, n: int, route: FloatArray, stack: FloatArray) -> int:
-    """Keep those points of a chain that a taut string would touch: each one sees the next.
+    """Keep the points of a chain that a taut string would touch: each one sees the next.
 
-    The farthest point in sight is found by doubling the step, then by bisection.
+    The farthest visible point is found by doubling the step, then by bisection.
 
     Args:
         p: The problem.
         chain: (>= n, 2) the chain, m.
-        n: How many points it has.
-        route: (MAX_POINTS, 2) takes the points that are kept.
+        n: Number of points of the chain.
+        route: (MAX_POINTS, 2) receives the points that are kept, m.
         stack: Scratch.
 
     Returns:
-        How many are kept.
+        Number of points that are kept.
     """
     route[0] = chain[0]
     m, here = 1, 0
@@ -127,11 +127,11 @@ def drop_point(path: FloatArray, m: int, at: int) -> int:
 
     Args:
         path: (>= m, 2) the path, m; changed.
-        m: How many points it has.
+        m: Number of points of the path.
         at: Index of the point.
 
     Returns:
-        The new count.
+        The new number of points.
     """
     for k in range(at, m - 1):
         path[k, 0] = path[k + 1, 0]
@@ -145,10 +145,10 @@ def without_twins(path: FloatArray, m: int) -> int:
 
     Args:
         path: (>= m, 2) the path, m; changed.
-        m: How many points it has.
+        m: Number of points of the path.
 
     Returns:
-        The new count.
+        The new number of points.
     """
     i = 1
     while i < m - 1:
@@ -165,7 +165,7 @@ def without_twins(path: FloatArray, m: int) -> int:
 def _slide(
     p: Problem, here: FloatArray, to: FloatArray, other: FloatArray, stack: FloatArray
 ) -> None:
-    """Move ``here`` towards ``to`` as far as the segment from it to ``other`` stays clear."""
+    """Move ``here`` towards ``to`` as far as its segment to ``other`` stays clear."""
     x, y = here[0], here[1]
     low, high = 0.0, 1.0
     for _ in range(9):
@@ -182,18 +182,18 @@ def _slide(
 
 @njit(cache=True)
 def merge_bends(p: Problem, path: FloatArray, m: int, stack: FloatArray) -> int:
-    """Where two bends in a row turn to the same side, let their outer lines meet instead.
+    """Merge two consecutive bends to the same side: extend their outer lines until they meet.
 
-    This is the inverse of `split_bends`: fewer points, the same tangents.
+    This is the inverse of `split_bends`: fewer points with the same tangents.
 
     Args:
         p: The problem.
         path: (>= m, 2) the path, m; changed.
-        m: How many points it has.
+        m: Number of points of the path.
         stack: Scratch.
 
     Returns:
-        The new count.
+        The new number of points.
     """
     meet = np.empty(2)
     i = 1
@@ -226,16 +226,17 @@ def tighten(p: Problem, path: FloatArray, m: int, stack: FloatArray) -> int:
     """Pull a polyline taut in one sweep, with as few points as it needs.
 
     A point that its neighbours do not need is dropped. Every other point slides along its two
-    segments until both touch something. Only clear moves are made, and each shortens the path.
+    segments until both touch an obstacle. Only clear moves are made, and each one shortens the
+    path.
 
     Args:
         p: The problem.
         path: (>= m, 2) the path, m; changed.
-        m: How many points it has.
+        m: Number of points of the path.
         stack: Scratch.
 
     Returns:
-        The new count.
+        The new number of points.
     """
     m = merge_bends(p, path, m, stack)
     i = 1
@@ -258,13 +259,13 @@ def refine(
     Args:
         p: The problem.
         path: (MAX_POINTS, 2) the path, m; changed.
-        m: How many points it has.
-        splits: How many times.
+        m: Number of points of the path.
+        splits: Number of repetitions.
         least_turn: Turn below which a corner is left alone, rad.
         stack: Scratch.
 
     Returns:
-        The new count.
+        The new number of points.
     """
     for _ in range(splits):
         m = split_bends(p, path, m, least_turn, stack)
@@ -277,19 +278,19 @@ def settle(
 ) -> tuple[int, float]:
     """Tighten a path up to ``sweeps`` times and keep the version that costs least with split bends.
 
-    A shorter path may turn more, or slip past an obstacle to a costlier side, so the last one need
-    not be the best.
+    The last version need not be the best: a shorter path may turn more, or pass an obstacle on the
+    more expensive side.
 
     Args:
         p: The problem.
-        path: (MAX_POINTS, 2) the path, m; takes the best version, its bends not split.
-        m: How many points it has.
-        sweeps: How many times at most.
+        path: (MAX_POINTS, 2) the path, m; receives the best version, its bends not split.
+        m: Number of points of the path.
+        sweeps: Largest number of sweeps.
         scratch: (2, MAX_POINTS, 2) scratch.
         stack: Scratch.
 
     Returns:
-        The new count, and J of the best version with its bends split.
+        The new number of points, and J of the best version with its bends split.
     """
     best, best_m, last = np.inf, m, np.inf
     copy_path(path, m, scratch[0])
@@ -310,7 +311,7 @@ def settle(
 
 @njit(cache=True)
 def _turn_at(path: FloatArray, i: int) -> float:
-    """Turn of a path at waypoint i, rad, not signed."""
+    """Compute the unsigned turn of a path at waypoint i, rad."""
     ux = path[i, 0] - path[i - 1, 0]
     uy = path[i, 1] - path[i - 1, 1]
     vx = path[i + 1, 0] - path[i, 0]
@@ -322,18 +323,18 @@ def _turn_at(path: FloatArray, i: int) -> float:
 def split_bends(p: Problem, path: FloatArray, m: int, least_turn: float, stack: FloatArray) -> int:
     """Cut each corner that turns sharply as deep as the clearance allows.
 
-    The cut is isosceles. About a round obstacle it halves the turn evenly, and the shortest polygon
-    about a circle is one of even turns.
+    The cut is isosceles. About a round obstacle it halves the turn evenly. The shortest polygon
+    about a circle has equal turns.
 
     Args:
         p: The problem.
         path: (MAX_POINTS, 2) the path, m; changed.
-        m: How many points it has.
+        m: Number of points of the path.
         least_turn: Turn below which a corner is left alone, rad.
         stack: Scratch.
 
     Returns:
-        The new count.
+        The new number of points.
     """
     a = np.empty(2)
     b = np.empty(2)

@@ -1,7 +1,7 @@
-"""Walking through a distance field: a bound for a segment, and the way from cell to cell.
+"""Walk through a distance field: a clearance bound for a segment, and steps from cell to cell.
 
-The border is ``"edge"`` (`simloop.geometry.distance_field`): outside, the field goes on as it is at
-its edge.
+The border is ``"edge"`` (`simloop.geometry.distance_field`): outside the grid the field continues
+with the values at its edge.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from simloop.geometry.distance_field import FREE_M
 
 @njit(cache=True, forceinline=True)
 def lens_bound(a: float, b: float, s: float) -> float:
-    """Return the least clearance that a segment can have, given the clearances of its ends.
+    """Compute the least clearance that a segment can have, given the clearances of its ends.
 
-    The two discs about the ends hold no obstacle, so the nearest possible one lies where their
-    circles meet. Its height above the segment is the bound.
+    The two discs about the ends hold no obstacle, so the nearest possible obstacle is where their
+    circles meet. The height of that point above the segment is the bound.
 
     Args:
         a: Clearance of one end, m.
@@ -38,16 +38,16 @@ def lens_bound(a: float, b: float, s: float) -> float:
 
 @njit(cache=True, forceinline=True)
 def cell_at(u: float, du: float, count: int) -> tuple[int, float, float]:
-    """Return the cell that a step enters, along one axis.
+    """Compute the cell that a step enters, along one axis.
 
     Args:
-        u: Where the step begins, in cells from the first centre.
-        du: Its direction and speed, in cells a metre.
-        count: How many cells the axis has.
+        u: Start of the step, in cells from the first centre.
+        du: Direction and speed of the step, in cells per metre.
+        count: Number of cells along the axis.
 
     Returns:
-        Index of the cell; du as the field sees it (0 outside the grid, where the field is
-        constant); how far it is to the cell's edge, m.
+        Index of the cell; du in the field (0 outside the grid, where the field is constant);
+        distance to the cell's edge, m.
     """
     edge = 1e-12 if du > 0.0 else -1e-12
     at = u + edge

@@ -1,6 +1,6 @@
-"""How near a segment comes to obstacles: in closed form among discs, by cells in a field.
+"""Clearance of a segment: in closed form among discs, cell by cell in a distance field.
 
-`simloop.planners.problem.flat_problem` has the problem itself and the clearance of a point.
+`simloop.planners.problem.flat_problem` defines the problem and the clearance of a point.
 """
 
 from __future__ import annotations
@@ -38,16 +38,16 @@ __all__ = [
     "segment_clearance",
 ]
 
-_WALK_CELLS = 3.0  # pieces of a segment no longer than this are walked cell by cell
+_WALK_CELLS = 3.0  # a piece of a segment up to this length is walked cell by cell
 STACK = 64
-"""Pieces of a segment that may wait at a time."""
+"""Largest number of pieces of a segment that wait for their check."""
 
 
 @njit(cache=True)
 def _walk_cells(
     p: Problem, ax: float, ay: float, ux: float, uy: float, first: float, last: float
 ) -> float:
-    """Exact minimum of the interpolated field (plus allowance) on a + u t, t in [first, last].
+    """Compute the exact minimum of the field plus allowance on a + u t, t in [first, last].
 
     Within a cell the bilinear field is a parabola in t; the walk goes from cell to cell.
     """
@@ -58,7 +58,7 @@ def _walk_cells(
     t = first
     allowed = allowance(p, ax + ux * t, ay + uy * t)
     while True:
-        # The cell that the walk enters at t, and how far it stays in it.
+        # The cell that the walk enters at t, and the distance to the cell's edge.
         u = (ax + ux * t - p.field_x) * p.per_m
         v = (ay + uy * t - p.field_y) * p.per_m
         i, u_step, u_exit = cell_at(u, du, cols)
@@ -81,7 +81,7 @@ def _walk_cells(
         allowed_next = allowance(p, ax + ux * t, ay + uy * t)
         c0 += allowed
         c1 += (allowed_next - allowed) / step if step > 0.0 else 0.0
-        # The least value lies at an end, or at the vertex if that is inside.
+        # The minimum lies at an end, or at the vertex if that is inside.
         low = min(c0, c0 + step * (c1 + step * c2))
         if c2 > 0.0 and 0.0 < -c1 < 2.0 * c2 * step:
             low = c0 - 0.25 * c1 * c1 / c2
@@ -102,10 +102,10 @@ def _field_clearance(
     floor: float,
     stack: FloatArray,
 ) -> float:
-    """Clearance of a segment in the field where it falls below ``need``; else a value above.
+    """Compute the clearance of a segment in the field if it is below ``need``; else return more.
 
-    Bisects until `lens_bound` proves each piece clear or the piece is so short that `_walk_cells`
-    settles it. Returns as soon as something below ``floor`` is found.
+    The segment is bisected until `lens_bound` proves each piece clear or the piece is short enough
+    for `_walk_cells`. The search ends as soon as a value below ``floor`` is found.
     """
     length = math.hypot(bx - ax, by - ay)
     fa = sample_field(p, ax, ay)
@@ -128,12 +128,12 @@ def _field_clearance(
                 worst = min(worst, _walk_cells(p, ax, ay, ux, uy, t, end))
             if top == 0 or worst < floor:
                 return worst
-            # This piece is settled: go on with the next one that waits.
+            # This piece is done: continue with the next waiting one.
             top -= 1
             t, fa, ga = end, fb, gb
             end, fb, gb = stack[top, 0], stack[top, 1], stack[top, 2]
         else:
-            # Not settled: halve it and let the farther half wait.
+            # This piece is not decided: halve it and let the farther half wait.
             stack[top, 0], stack[top, 1], stack[top, 2] = end, fb, gb
             top += 1
             end = 0.5 * (t + end)
@@ -146,7 +146,7 @@ def _field_clearance(
 
 @njit(cache=True, forceinline=True)
 def _disc_clearance(p: Problem, ax: float, ay: float, bx: float, by: float) -> float:
-    """Exact clearance of a segment among discs, m (negative where it cuts one)."""
+    """Compute the exact clearance of a segment among discs, m (negative where it cuts one)."""
     discs = p.discs
     safe = p.safe_m
     dx = bx - ax
@@ -162,7 +162,7 @@ def _disc_clearance(p: Problem, ax: float, ay: float, bx: float, by: float) -> f
         ey = oy - t * dy
         apart = ex * ex + ey * ey
         reach = discs[2, k] + safe
-        if apart < reach * reach:  # rare, and so is the root
+        if apart < reach * reach:  # rarely true, so the root is rarely computed
             clearance = min(clearance, math.sqrt(apart) - discs[2, k])
     if p.corners.size > 0:
         clearance = polygon_clearance(p.corners, ax, ay, bx, by, clearance)
@@ -171,10 +171,10 @@ def _disc_clearance(p: Problem, ax: float, ay: float, bx: float, by: float) -> f
 
 @njit(cache=True)
 def _disc_clearance_near_start(p: Problem, ax: float, ay: float, bx: float, by: float) -> float:
-    """`_disc_clearance` with the allowance about a start that is too close, piece by piece.
+    """Compute `_disc_clearance` plus the allowance about a start that is too close, piecewise.
 
-    Each piece has the allowance of its worse end, because the allowance is concave where it is not
-    zero.
+    The allowance is concave where it is not zero. Each piece therefore gets the allowance of its
+    worse end.
     """
     length = math.hypot(bx - ax, by - ay)
     radius = p.overhang_m + p.start_slack / START_GROWTH
@@ -187,7 +187,7 @@ def _disc_clearance_near_start(p: Problem, ax: float, ay: float, bx: float, by: 
     last = min(length, along + half)
     if length <= NO_LENGTH_M or across >= radius * radius or first >= last:
         return _disc_clearance(p, ax, ay, bx, by)
-    # Outside the circle in which something is allowed the segment is judged in one piece each.
+    # The parts of the segment outside the circle with an allowance are judged in one piece each.
     ux = (bx - ax) / length
     uy = (by - ay) / length
     worst = p.safe_m
@@ -217,16 +217,16 @@ def segment_clearance(
     floor: float,
     stack: FloatArray,
 ) -> float:
-    """Return a segment's clearance as the objective sees it, overhang and start allowance included.
+    """Compute a segment's clearance for the objective, overhang and start allowance included.
 
     Args:
         p: The problem.
-        ax: x of the segment's begin, m.
-        ay: y of the segment's begin, m.
+        ax: x of the segment's start, m.
+        ay: y of the segment's start, m.
         bx: x of its end, m.
         by: y of its end, m.
         need: Clearance from which on the exact value does not matter (about ``safe_m``), m.
-        floor: Clearance below which the search may stop at the first place found, m.
+        floor: The search may stop at the first place with less clearance than this, m.
         stack: Scratch from `objective.make_stack`.
 
     Returns:

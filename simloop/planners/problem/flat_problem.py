@@ -1,7 +1,7 @@
-"""The flat form of a planning problem, and the clearance of a point in it.
+"""Flat form of a planning problem for compiled kernels, and the clearance of a point in it.
 
-Every kernel takes all kinds of world through one `Problem`. In a distance field the border is
-``"edge"``: outside, the value is that of the nearest point inside.
+One `Problem` holds every kind of world. In a distance field the border is ``"edge"``: outside, the
+value is that of the nearest point inside.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from simloop.messages import FloatArray, WorldView
 from simloop.planners.problem.polygons import flatten_polygons, polygon_clearance
 
 TOLERANCE_M = 1e-6
-"""What rounding may take from a clearance that counts as safe, m."""
+"""Rounding error that a clearance may have and still count as safe, m."""
 SAFE_WITHIN_M = 1e-3
-"""A plan called safe keeps the safe distance to this, m."""
+"""A plan that is called safe falls short of the safe distance by no more than this, m."""
 START_GROWTH = 0.5
-"""Growth of the clearance asked for with the distance from a start that is too close, m/m."""
+"""Growth of the required clearance with the distance from a start that is too close, m/m."""
 PIECE_M = 0.005
-"""Length of the pieces in which a segment near such a start is judged among discs, m."""
+"""Length of the pieces in which a segment near such a start is checked among discs, m."""
 NO_LENGTH_M = 1e-9
 """A segment shorter than this has no direction, m."""
 
@@ -39,7 +39,7 @@ class Problem(NamedTuple):
             none.
         field_x: x of the centre of cell (0, 0), m.
         field_y: y of the centre of cell (0, 0), m.
-        per_m: Cells a metre.
+        per_m: Cells per metre.
         low_x: Least x of a waypoint, m.
         low_y: Least y of a waypoint, m.
         high_x: Greatest x of a waypoint, m.
@@ -49,16 +49,16 @@ class Problem(NamedTuple):
         start_yaw: The robot's heading at the start, rad.
         goal_x: x of the goal, m.
         goal_y: y of the goal, m.
-        start_slack: How much of the safe distance the start itself lacks, m.
-        safe_m: Distance that is asked for, m; in a field a little more, see ``overstated_m``.
-        tolerance_m: What rounding may take from a clearance that counts as safe, m.
-        overstated_m: By how much the interpolated field may overstate a distance, m.
-        overhang_m: By how much a segment is lengthened at both ends for the footprint, m.
+        start_slack: Clearance that is missing to the safe distance at the start, m.
+        safe_m: Required distance, m; in a field a little more, see ``overstated_m``.
+        tolerance_m: Rounding error that a clearance may have and still count as safe, m.
+        overstated_m: Largest overestimate of a distance by the interpolated field, m.
+        overhang_m: Length that is added to a segment at both ends for the footprint, m.
         length_weight: w1 of the objective, 1/m.
         turning_weight: w2 of the objective, 1/rad.
         start_turn_weight: Weight of the turn from the robot's heading to the first segment, 1/rad.
         penalty: sigma of the objective, 1/m.
-        trials: (1,) how many paths and single segments have been tried so far.
+        trials: (1,) number of paths and single segments that have been tried so far.
     """
 
     discs: FloatArray
@@ -102,16 +102,16 @@ def make_problem(
 ) -> Problem:
     """Flatten a view and a task.
 
-    The field is used if the view has one, else the discs and polygons. The robot may stand closer
-    than ``safe_m`` to something, with its middle or its front. The clearance asked for then begins
-    with what the start has and grows by `START_GROWTH` a metre, so that the robot can leave.
+    The field is used if the view has one, else the discs and polygons. The robot's middle or front
+    may stand closer than ``safe_m`` to an obstacle. The required clearance then begins with the
+    clearance at the start and grows by `START_GROWTH` per metre, so that the robot can leave.
 
     Args:
         world: What is known of the obstacles, in map.
         start: (3,) x, y, yaw in map, m, m, rad.
         goal: (2,) x, y in map, m.
-        safe_m: Distance that a path has to keep from obstacles, m.
-        overhang_m: How far the footprint reaches beyond base_link, along a path, m.
+        safe_m: Distance that a path must keep from obstacles, m.
+        overhang_m: Length of the footprint beyond base_link, along a path, m.
         length_weight: w1 of the objective, 1/m.
         turning_weight: w2 of the objective, 1/rad.
         start_turn_weight: Weight of the turn at the start, 1/rad.
@@ -136,7 +136,7 @@ def make_problem(
 
 
 def _problem_in(world: WorldView, safe_m: float) -> Problem:
-    """A problem with the obstacles and bounds of a view; its ends and weights are yet to be set."""
+    """Make a problem with the obstacles and bounds of a view, without its ends and weights."""
     discs, corners, field = _obstacles(world)
     resolution = world.resolution_m if field.size else 1.0
     overstated = 0.0
@@ -175,17 +175,17 @@ def _problem_in(world: WorldView, safe_m: float) -> Problem:
 
 
 def _obstacles(world: WorldView) -> tuple[FloatArray, FloatArray, NDArray[np.float32]]:
-    """Discs (3, K), polygons' corners (N, 3) and field; only the field if there is one."""
+    """Return discs (3, K), polygons' corners (N, 3) and field; only the field if there is one."""
     field = np.ascontiguousarray(world.distance_m, dtype=np.float32)
     if field.size:
         return np.zeros((3, 0)), flatten_polygons(()), field
     discs = np.asarray(world.discs_xyr_m, dtype=np.float64).reshape(-1, 3)
-    # A copy is always writable. Kernels would be compiled a second time for read-only arrays.
+    # The copy is always writable, because numba would compile again for read-only arrays.
     return discs.T.copy(order="C"), flatten_polygons(world.polygons_m), field
 
 
 def _lack_at_start(p: Problem) -> float:
-    """How much of the safe distance the robot lacks where it stands, m; 0 if it lacks nothing."""
+    """Compute the clearance that is missing at the robot's place, m; 0 if nothing is missing."""
     here = min(
         point_clearance(p, p.start_x, p.start_y),
         point_clearance(
@@ -194,19 +194,19 @@ def _lack_at_start(p: Problem) -> float:
             p.start_y + p.overhang_m * math.sin(p.start_yaw),
         ),
     )
-    # A hair more than the start lacks, so that rounding, and the pieces in which segments among
-    # discs are judged, do not make the start itself unsafe.
+    # A little more than is missing: rounding, and the pieces in which segments among discs are
+    # checked, must not make the start itself unsafe.
     return p.safe_m - here + 1e-6 + START_GROWTH * PIECE_M if here < p.safe_m else 0.0
 
 
 @njit(cache=True, forceinline=True)
 def sample_field(p: Problem, x: float, y: float) -> float:
-    """Look the distance field up; outside, the value is that of the nearest point inside.
+    """Interpolate the distance field; outside, the value is that of the nearest point inside.
 
     Args:
         p: The problem, with a field.
-        x: Of the point, in map, m.
-        y: Of the point, in map, m.
+        x: x of the point, in map, m.
+        y: y of the point, in map, m.
 
     Returns:
         The distance, m.
@@ -217,12 +217,12 @@ def sample_field(p: Problem, x: float, y: float) -> float:
 
 @njit(cache=True)
 def point_clearance(p: Problem, x: float, y: float) -> float:
-    """Return the distance from a point to the nearest obstacle.
+    """Compute the distance from a point to the nearest obstacle.
 
     Args:
         p: The problem.
-        x: Of the point, in map, m.
-        y: Of the point, in map, m.
+        x: x of the point, in map, m.
+        y: y of the point, in map, m.
 
     Returns:
         The distance to the surface, m; negative inside a disc or a polygon.
@@ -239,15 +239,15 @@ def point_clearance(p: Problem, x: float, y: float) -> float:
 
 @njit(cache=True, forceinline=True)
 def allowance(p: Problem, x: float, y: float) -> float:
-    """Return by how much less is asked for at a point near a start that is too close.
+    """Compute the reduction of the required clearance near a start that is too close.
 
     Args:
         p: The problem.
-        x: Of the point, in map, m.
-        y: Of the point, in map, m.
+        x: x of the point, in map, m.
+        y: y of the point, in map, m.
 
     Returns:
-        The part of the safe distance that is not asked for, m.
+        The part of the safe distance that is not required, m.
     """
     if p.start_slack <= 0.0:
         return 0.0
@@ -257,14 +257,14 @@ def allowance(p: Problem, x: float, y: float) -> float:
 
 @njit(cache=True)
 def relaxed_clearance(p: Problem, x: float, y: float) -> float:
-    """Return a point's clearance plus what is not asked for near a start that is too close.
+    """Compute a point's clearance plus the allowance near a start that is too close.
 
     Args:
         p: The problem.
-        x: Of the point, in map, m.
-        y: Of the point, in map, m.
+        x: x of the point, in map, m.
+        y: y of the point, in map, m.
 
     Returns:
-        The clearance that is to be compared with ``p.safe_m``, m.
+        The clearance to compare with ``p.safe_m``, m.
     """
     return point_clearance(p, x, y) + allowance(p, x, y)

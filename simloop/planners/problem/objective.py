@@ -1,13 +1,17 @@
 """The planners' objective: J = w1 S + w2 Theta + sigma sum R over a whole polyline.
 
-Source: Sabiha 2022 (online TLBO), Eqs. 4-5, 12, 16. It differs from print on purpose in three
-places. Eq. 6 is a difference of two atan2 and is wrapped to (-pi, pi]. Eq. 8 judges the waypoints
-only; here the clearance is that of every point of every segment. Eq. 17 needs the centres of round
-obstacles; here R is the intrusion in metres, one term a segment: the safe distance minus the
-segment's clearance, plus a centimetre, where the former is positive. The penalty is linear with
-steps and therefore exact: no intrusion, however slight, is worth what it saves.
+Source: Sabiha 2022 (online TLBO), Eqs. 4-5, 12, 16. It differs on purpose from the paper in three
+places:
+- Eq. 6 is a difference of two atan2; here it is wrapped to (-pi, pi].
+- Eq. 8 checks only the waypoints; here the clearance covers every point of every segment.
+- Eq. 17 needs the centres of round obstacles. Here R is the intrusion in metres, one term per
+  segment: the safe distance minus the segment's clearance, plus a centimetre, if the difference is
+  positive.
 
-J also holds the turn from the robot's heading to the first segment, with a weight of its own
+The penalty is linear with steps and therefore exact: even a slight intrusion costs more than it
+saves.
+
+J also contains the turn from the robot's heading to the first segment, with its own weight
 (``start_turn_weight``).
 """
 
@@ -22,21 +26,21 @@ from simloop.messages import FloatArray
 from simloop.planners.problem.clearance import NO_LENGTH_M, STACK, Problem, segment_clearance
 
 LEAST_INTRUSION_M = 0.01
-"""What the slightest lack of clearance counts on top of its depth, m: safe beats nearly safe."""
+"""Extra intrusion of any unsafe segment, m: it makes a safe path better than a nearly safe one."""
 THROUGH_SHARE, THROUGH_M = 0.2, 3.0
-"""With less than this share of the safe distance a segment leads through something, which counts
-so many metres more: no way back out of a dead end is as costly."""
+"""A segment with less clearance than this share of the safe distance goes through an obstacle. It
+gets this many metres of extra intrusion: more than any way back out of a dead end costs."""
 
 
 @njit(cache=True, forceinline=True)
 def length_and_turning(path: FloatArray, m: int) -> tuple[float, float]:
-    """Return S (Eq. 4) and Theta (Eq. 5, wrapped) of a path.
+    """Compute S (Eq. 4) and Theta (Eq. 5, wrapped) of a path.
 
     A segment without length has no heading and is skipped.
 
     Args:
         path: (>= m, 2) waypoints, m.
-        m: How many of them count.
+        m: Number of waypoints.
 
     Returns:
         Length, m, and sum of the turns, rad.
@@ -60,12 +64,12 @@ def length_and_turning(path: FloatArray, m: int) -> tuple[float, float]:
 
 @njit(cache=True)
 def start_turn(p: Problem, path: FloatArray, m: int) -> float:
-    """Return the angle between the robot's heading and the first segment that has a length.
+    """Compute the angle between the robot's heading and the first segment that has a length.
 
     Args:
         p: The problem.
         path: (>= m, 2) waypoints, m.
-        m: How many of them count.
+        m: Number of waypoints.
 
     Returns:
         The angle, rad, 0 to pi.
@@ -82,17 +86,17 @@ def start_turn(p: Problem, path: FloatArray, m: int) -> float:
 
 @njit(cache=True, forceinline=True)
 def intrusion(p: Problem, path: FloatArray, m: int, enough: float, stack: FloatArray) -> float:
-    """Return sum R: what the segments lack in clearance.
+    """Compute sum R, the clearance that is missing on the segments.
 
     Args:
         p: The problem.
         path: (>= m, 2) waypoints, m.
-        m: How many of them count.
-        enough: Sum at which adding may stop, m.
+        m: Number of waypoints.
+        enough: Sum at which the computation may stop, m.
         stack: Scratch from `make_stack`.
 
     Returns:
-        The sum, m; some value above ``enough`` once it exceeds that.
+        The sum, m; any value above ``enough`` once it exceeds ``enough``.
     """
     total = 0.0
     need = p.safe_m - p.tolerance_m
@@ -112,20 +116,19 @@ def intrusion(p: Problem, path: FloatArray, m: int, enough: float, stack: FloatA
 
 @njit(cache=True, forceinline=True)
 def evaluate(p: Problem, path: FloatArray, m: int, bound: float, stack: FloatArray) -> float:
-    """Return J of a path. Counts as a trial.
+    """Compute J of a path; this counts as a trial.
 
-    The obstacle term is the costly one. It is left out where length and turning alone exceed the
-    bound.
+    The obstacle term is expensive. It is skipped if length and turning alone exceed the bound.
 
     Args:
         p: The problem.
         path: (>= m, 2) waypoints, m.
-        m: How many of them count.
-        bound: Value of J above which the exact one does not matter.
+        m: Number of waypoints.
+        bound: Value of J above which the exact value does not matter.
         stack: Scratch from `make_stack`.
 
     Returns:
-        J; some value above ``bound`` once it is sure to exceed that.
+        J; any value above ``bound`` once J is certain to exceed ``bound``.
     """
     p.trials[0] += 1
     length, turning = length_and_turning(path, m)
@@ -138,9 +141,9 @@ def evaluate(p: Problem, path: FloatArray, m: int, bound: float, stack: FloatArr
 
 
 def make_stack() -> FloatArray:
-    """Make the scratch that the clearance of a segment needs.
+    """Make the scratch array for the clearance of a segment.
 
     Returns:
-        (STACK, 3) array; its content means nothing between two calls.
+        (STACK, 3) array; it carries nothing over from one call to the next.
     """
     return np.zeros((STACK, 3))

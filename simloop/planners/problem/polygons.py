@@ -19,16 +19,16 @@ def flatten_polygons(
 ) -> FloatArray:
     """Put the corners of all polygons into one array, one polygon after the other.
 
-    It is one array because each array that a `Problem` holds costs every call of a kernel.
+    A single array is faster, because each array in a `Problem` adds time to every kernel call.
 
     Args:
-        polygons: Corners (n, 2) of each polygon, in either sense, m.
+        polygons: Corners (n, 2) of each polygon, in either direction, m.
 
     Returns:
         (N, 3) counter-clockwise: x, y, m, and the row where the corner's polygon ends.
 
     Raises:
-        ValueError: If one is not a convex polygon with an area.
+        ValueError: If a polygon is not convex or has no area.
     """
     turned = []
     for number, polygon in enumerate(polygons):
@@ -57,7 +57,7 @@ def _outline_distance(
     bx: float,
     by: float,
 ) -> float:
-    """Distance of the segment a-b to the edges of polygon [first, last); 0 where they meet."""
+    """Compute the distance of segment a-b to the edges of polygon [first, last); 0 if they meet."""
     least = np.inf
     dx, dy = bx - ax, by - ay
     square = dx * dx + dy * dy
@@ -82,7 +82,10 @@ def _outline_distance(
 
 @njit(cache=True)
 def _depth_at(corners: FloatArray, first: int, last: int, x: float, y: float) -> tuple[float, int]:
-    """Signed distance to the nearest edge line of a polygon, negative inside; and which line."""
+    """Return the signed distance to a polygon's nearest edge line (negative inside), and the edge.
+
+    The edge is given by its row in ``corners``.
+    """
     most, which = -np.inf, first
     for i in range(first, last):
         k = i + 1 if i + 1 < last else first
@@ -97,7 +100,7 @@ def _depth_at(corners: FloatArray, first: int, last: int, x: float, y: float) ->
 def _box_apart(
     corners: FloatArray, first: int, last: int, ax: float, ay: float, bx: float, by: float
 ) -> float:
-    """A lower bound for a segment's distance to a polygon: the distance of the boxes about them."""
+    """Compute a lower bound for a segment's distance to a polygon, from their bounding boxes."""
     low_x, high_x, low_y, high_y = np.inf, -np.inf, np.inf, -np.inf
     for i in range(first, last):
         low_x, high_x = min(low_x, corners[i, 0]), max(high_x, corners[i, 0])
@@ -111,9 +114,9 @@ def _box_apart(
 def _deepest(
     corners: FloatArray, first: int, last: int, ax: float, ay: float, bx: float, by: float
 ) -> float:
-    """Least `_depth_at` along a segment.
+    """Compute the least `_depth_at` along a segment.
 
-    The depth is convex along it, so that bisection on its slope finds the deepest point.
+    The depth is convex along the segment, so bisection on its slope finds the deepest point.
     """
     low, high = 0.0, 1.0
     for _ in range(50):
@@ -139,25 +142,25 @@ def polygon_clearance(
     by: float,
     most: float = FREE_M,
 ) -> float:
-    """Return the exact clearance of a segment among polygons.
+    """Compute the exact clearance of a segment among polygons.
 
     Args:
         corners: (N, 3) from `flatten_polygons`.
-        ax: x of the segment's begin, m.
-        ay: y of the segment's begin, m.
+        ax: x of the segment's start, m.
+        ay: y of the segment's start, m.
         bx: x of its end, m.
         by: y of its end, m.
         most: Clearance above which the exact value does not matter, m.
 
     Returns:
-        The clearance, m, ``most`` at most; where the segment cuts a polygon, minus the depth at its
+        The clearance, m, at most ``most``; if the segment cuts a polygon, minus the depth at its
         deepest point.
     """
     clearance = most
     first = 0
     while first < corners.shape[0]:
         last = int(corners[first, 2])
-        room = max(clearance, _TOUCH_M)  # where one is cut already, another may be cut deeper
+        room = max(clearance, _TOUCH_M)  # the next polygon may be cut deeper
         if _box_apart(corners, first, last, ax, ay, bx, by) < room:
             apart = _outline_distance(corners, first, last, ax, ay, bx, by)
             inside, _ = _depth_at(corners, first, last, ax, ay)

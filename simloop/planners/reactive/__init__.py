@@ -1,6 +1,6 @@
 """Planners that move a point step by step: potential fields and heading-by-heading navigation.
 
-- `rollout`: the base class of planners whose path is the trace of a moved point.
+- `rollout`: the base class of planners whose path is the trace of a moving point.
 - `potential_field`, `ga_apf`: a point follows the force of an artificial potential field.
 - `sensing`, `stepper`, `steering`, `fuzzy`, `online`, `avoa_online`: a point robot chooses a
   heading for each step from what it senses within its range.

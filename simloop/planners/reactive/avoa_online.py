@@ -1,12 +1,12 @@
 """The step-by-step planners as planners of the closed loop.
 
 Source: Abed, Lutfy & Al-Doori 2022 (AVOA with a sensing phase), with its rivals APSO and
-fuzzy-WDO. The robot's map stands for the unknown world: a point moves through it from the robot to
-the goal and senses it only within reach. The trace of the point is the plan. Movers are
-not in the map; `simloop.planners.reactive.online` simulates worlds with movers.
+fuzzy-WDO. The robot's map replaces the unknown world: a point moves through it from the robot to
+the goal and senses it only within its range. The trace of the point is the plan. The map contains
+no movers; `simloop.planners.reactive.online` simulates worlds with movers.
 
-Chosen here: a step is 0.4 safe distances (0.1 m at the robot's size), the sensor's range twelve
-safe distances (3.1 m), and a path of ten times the straight line is allowed.
+Chosen here: a step is 0.4 safe distances (0.1 m at the robot's size), the sensor's range is twelve
+safe distances (3.1 m), and a path may be ten times as long as the straight line.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ _NO_MOVERS = np.zeros((0, 5))
 
 
 class OnlinePlanner(RolloutPlanner):
-    """Plans with a new steering each time; a plan that fails ends where the point came nearest."""
+    """Plans with a new steering each time; a failed plan ends where the point was nearest."""
 
     def steering(self) -> Steering:
         """Make the object that chooses the headings.
 
         Returns:
-            A new steering without a past.
+            A new steering without memory of earlier steps.
         """
         raise NotImplementedError
 
@@ -84,10 +84,10 @@ class AvoaOnline(OnlinePlanner):
     name = "avoa_online"
 
     def steering(self) -> Steering:
-        """See `OnlinePlanner.steering`.
+        """Make a steering that searches by AVOA.
 
         Returns:
-            A steering that searches by AVOA.
+            The steering; see `OnlinePlanner.steering`.
         """
         return RuleSteering(AfricanVultures)
 
@@ -98,10 +98,10 @@ class ApsoOnline(OnlinePlanner):
     name = "apso_online"
 
     def steering(self) -> Steering:
-        """See `OnlinePlanner.steering`.
+        """Make a steering that searches by APSO.
 
         Returns:
-            A steering that searches by APSO.
+            The steering; see `OnlinePlanner.steering`.
         """
         return RuleSteering(AdaptiveSwarm)
 
@@ -112,9 +112,9 @@ class FuzzyWdo(OnlinePlanner):
     name = "fuzzy_wdo"
 
     def steering(self) -> Steering:
-        """See `OnlinePlanner.steering`.
+        """Make a fuzzy steering.
 
         Returns:
-            A fuzzy steering with untuned parameters.
+            The steering with untuned parameters; see `OnlinePlanner.steering`.
         """
         return FuzzySteering()

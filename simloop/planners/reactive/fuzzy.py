@@ -1,20 +1,20 @@
-"""A fuzzy heading controller whose parameters are tuned by wind driven optimisation.
+"""Fuzzy heading controller whose parameters are tuned by wind driven optimisation.
 
-Abed 2022 names this rival only ("Hybrid Fuzzy-WDO", Pandey & Parhi 2017): a controller with
-singleton outputs from the distances of obstacles in front, on the left and on the right, tuned by
-WDO (Bayraktar 2013). Everything else was chosen here:
+Abed 2022 gives only the name of this rival ("Hybrid Fuzzy-WDO", Pandey & Parhi 2017): a controller
+with singleton outputs from the distances of obstacles in front, on the left and on the right, tuned
+by WDO (Bayraktar 2013). Everything else is chosen here:
 
 - Inputs: the free range in three sectors (each near or far) and the target's bearing (left, ahead,
-  right), which gives 24 rules. Output: a turn, one of five singletons, combined by the mean of the
-  rules' outputs, weighted by how far each rule applies.
+  right), which gives 24 rules. Output: a turn, one of five singletons. The rules' outputs are
+  combined by their mean, weighted by how far each rule applies.
 - Rules: with a far front, turn towards the target, but less towards a near side. With a near
-  front, turn hard towards the side that is far; if both or neither are, towards the target.
-- Tuned parameters: where near ends and far begins (front, sides), the bearing that counts as a
-  side, and the sizes of the small and the hard turn. Every few steps WDO tries controllers by
-  simulating each some steps ahead over what is sensed now. Their cost is Eq. 5 of Abed 2022 at the
-  end of the simulation, with the least clearance along it.
-- The controller's heading is replaced by the nearest one that keeps the safe distance for a step
-  and avoids the predicted movers. If no heading avoids them, the least threatened is taken.
+  front, turn hard towards the far side; if both sides or neither are far, towards the target.
+- Tuned parameters: the ranges where near ends and far begins (front, sides), the bearing that
+  counts as a side, and the sizes of the small and the hard turn. Every few steps WDO tries
+  controllers. Each is simulated some steps ahead in what is sensed now. Its cost is Eq. 5 of
+  Abed 2022 at the end of the simulation, with the least clearance along it.
+- The controller's heading is replaced by the nearest heading that keeps the safe distance for a
+  step and avoids the predicted movers. If no heading avoids them, the least threatened is used.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ _HIGH = np.array([3.0, 12.0, 2.0, 6.0, 1.2, 1.5, 2.5])
 
 @njit(cache=True)
 def sector_range(view: LocalView, x: float, y: float, middle: float) -> float:
-    """The least free range among the rays of a sector.
+    """Compute the least free range among the rays of a sector.
 
     Args:
         view: What the robot knows.
@@ -78,12 +78,12 @@ def sector_range(view: LocalView, x: float, y: float, middle: float) -> float:
 
 @njit(cache=True)
 def far_membership(value: float, low: float, high: float) -> float:
-    """Membership of a range in the fuzzy set "far"; that in "near" is its complement to 1.
+    """Compute the membership of a range in the fuzzy set "far"; that in "near" is 1 minus it.
 
     Args:
         value: Range, in steps.
-        low: Up to this range the membership is 0, in steps.
-        high: From this range on it is 1, in steps; raised to a little over ``low``.
+        low: The membership is 0 up to this range, in steps.
+        high: The membership is 1 from this range on, in steps; raised to a little over ``low``.
 
     Returns:
         Membership, 0 to 1.
@@ -94,13 +94,13 @@ def far_membership(value: float, low: float, high: float) -> float:
 
 @njit(cache=True)
 def rule_turn(left: int, front: int, right: int, side: int) -> int:
-    """The turn that one rule prescribes.
+    """Return the turn that one rule prescribes.
 
     Args:
         left: Left sector: 1 far, 0 near.
         front: Front sector: 1 far, 0 near.
         right: Right sector: 1 far, 0 near.
-        side: Where the target is: 1 left, 0 ahead, -1 right.
+        side: Direction of the target: 1 left, 0 ahead, -1 right.
 
     Returns:
         -2 hard right, -1 slightly right, 0 straight, 1 slightly left, 2 hard left.
@@ -122,14 +122,14 @@ def rule_turn(left: int, front: int, right: int, side: int) -> int:
 
 @njit(cache=True)
 def fuzzy_turn(x: FloatArray, left: float, front: float, right: float, bearing: float) -> float:
-    """The turn that a controller asks for.
+    """Compute the turn that a controller requests.
 
     Args:
         x: (7,) parameters of the controller.
         left: Free range in the left sector, in steps.
         front: Free range in the front sector, in steps.
         right: Free range in the right sector, in steps.
-        bearing: The target's bearing off the present heading, rad.
+        bearing: Bearing of the target relative to the present heading, rad.
 
     Returns:
         Turn, rad, positive to the left.
@@ -141,7 +141,7 @@ def fuzzy_turn(x: FloatArray, left: float, front: float, right: float, bearing: 
     )
     ahead = max(0.0, 1.0 - abs(bearing) / x[4])
     total = 0.0
-    # All 24 rules: each counts by the product of its four memberships, which sum to 1.
+    # All 24 rules: each has the product of its four memberships as weight; the weights sum to 1.
     for a in range(2):
         for b in range(2):
             for c in range(2):
@@ -159,7 +159,9 @@ def fuzzy_turn(x: FloatArray, left: float, front: float, right: float, bearing: 
 def controller_heading(
     view: LocalView, x: FloatArray, at_x: float, at_y: float, heading: float
 ) -> float:
-    """The controller's heading at a position, replaced by the nearest one free for a step.
+    """Compute the controller's heading at a position, replaced by the nearest free heading.
+
+    A heading is free if a step along it keeps the safe distance.
 
     Args:
         view: What the robot knows.
@@ -169,7 +171,7 @@ def controller_heading(
         heading: Present heading, rad, map frame.
 
     Returns:
-        Heading, rad, map frame; NaN if none is free.
+        Heading, rad, map frame; NaN if no heading is free.
     """
     bearing = math.atan2(view.target_y - at_y, view.target_x - at_x) - heading
     bearing = (bearing + math.pi) % (2.0 * math.pi) - math.pi
@@ -188,11 +190,11 @@ def controller_heading(
 
 @njit(cache=True)
 def evasive_heading(view: LocalView, asked: float) -> float:
-    """The free heading nearest to the one asked for that meets no mover.
+    """Find the free heading nearest to the requested one that meets no mover.
 
     Args:
         view: What the robot knows.
-        asked: Heading that the controller asks for, rad, map frame.
+        asked: Heading that the controller requests, rad, map frame.
 
     Returns:
         Heading, rad, map frame; if every free heading meets a mover, the least threatened one.
@@ -213,7 +215,7 @@ def evasive_heading(view: LocalView, asked: float) -> float:
 
 @njit(cache=True)
 def controller_cost(view: LocalView, x: FloatArray, heading: float) -> float:
-    """Cost of a controller after `SIMULATED_STEPS` steps over what is sensed now.
+    """Compute the cost of a controller after `SIMULATED_STEPS` steps in what is sensed now.
 
     The cost is Eq. 5 of Abed 2022: distance to the target at the end, least clearance and summed
     turning along the simulated path.
@@ -232,7 +234,7 @@ def controller_cost(view: LocalView, x: FloatArray, heading: float) -> float:
         angle = controller_heading(view, x, at_x, at_y, heading)
         if not math.isfinite(angle):
             return 2.0 * BLOCKED_COST
-        # Movers are predicted from now on, so only the first step can be checked against them.
+        # Predictions of movers start now, so only the first step can be checked against them.
         if n == 0:
             vx, vy = view.step_m * math.cos(angle), view.step_m * math.sin(angle)
             danger = collision_threat(view, vx, vy)
@@ -258,13 +260,13 @@ def controller_cost(view: LocalView, x: FloatArray, heading: float) -> float:
 
 @njit(cache=True)
 def controller_costs(view: LocalView, x: FloatArray, heading: float, out: FloatArray) -> None:
-    """Costs of several controllers.
+    """Compute the costs of several controllers.
 
     Args:
         view: What the robot knows.
         x: (n, 7) parameters of the controllers.
         heading: Present heading, rad, map frame.
-        out: (n,) takes the costs.
+        out: (n,) receives the costs.
     """
     for k in range(x.shape[0]):
         out[k] = controller_cost(view, x[k], heading)
@@ -282,7 +284,7 @@ class _ControllerObjective:
 
 
 class FuzzySteering:
-    """A `Steering` that asks a fuzzy controller and tunes it again every few steps."""
+    """A `Steering` that uses a fuzzy controller and tunes it again every few steps."""
 
     def __init__(self) -> None:
         self.evaluations = 0
@@ -290,10 +292,10 @@ class FuzzySteering:
         self._age = 0
 
     def heading(self, view: LocalView, heading: float, state: State) -> float:
-        """Tune the controller if it is time to, then ask it for a heading.
+        """Tune the controller if it is due, then compute its heading.
 
-        The controller in use takes part in the tuning, so that it is only replaced by a better
-        one. Near movers it is tuned in every step.
+        The present controller takes part in the tuning, so only a better one replaces it. Near
+        movers it is tuned in every step.
 
         Args:
             view: What the robot knows.

@@ -1,13 +1,13 @@
-"""A potential field whose attraction is deformed by a genetic algorithm.
+"""Potential field whose attraction is deformed by a genetic algorithm.
 
-Source: Mohamed & Abbas 2012. Obstacles on the direct line from start to goal are "frontal"; each
+Source: Mohamed & Abbas 2012. Obstacles on the direct line from start to goal are "frontal". Each
 has one gene, an angle in [-pi/2, pi/2] that turns the attraction (Eq. 8) until the point has
 crossed that obstacle's frontal line, the perpendicular to the direct line through its centre. The
 point moves by Euler steps (Eq. 16) of size H = share x d (Eq. 17), where d is the distance to the
-nearest obstacle. The genetic algorithm is of the steady-state type: in each generation the worst
-chromosomes are discarded and replaced by offspring of tournament winners.
+nearest obstacle. The genetic algorithm is of the steady-state type: each generation replaces the
+worst chromosomes by offspring of tournament winners.
 
-Differs from the print: Eqs. 15 and 16 as printed move away from the goal and into obstacles,
+Differs from the paper: Eqs. 15 and 16 as printed move away from the goal and into obstacles,
 because Eqs. 5 and 14 already give the forces and not the gradients. The step here is
 H x (Eq. 8 + Eq. 14).
 
@@ -15,15 +15,15 @@ Chosen here, because the paper leaves it open:
 - epsilon of Eq. 13 (printed: 0.001 to 0.1) is 0.03, where the unit of length is a hundredth of the
   direct line (the paper's direct lines are 20 to 93 long). The share of Eq. 17 is 0.5, the
   largest that does not oscillate. No step is longer than 0.9 d, so that none ends in an
-  obstacle. The last step ends at the goal if the way there is free.
+  obstacle. The last step ends at the goal if the way to it is free.
 - mu of Eq. 18 is 10. Half of the population is discarded. 16 in 17 offspring come from crossover,
   the rest from mutation (printed rates: 0.8 and 0.05). Chromosomes of a single gene are not
-  crossed. The search ends when ``idle_generations`` in a row improve by less than 1e-4, or at the
-  budget.
+  crossed. The search ends after ``idle_generations`` consecutive generations that improve by less
+  than 1e-4, or at the budget.
 - The adjacent distance is twice the largest radius; a path that leaves that strip is invalid. If
   no valid path is found, the distance is doubled (the paper: "twice (or more)"), up to three times.
 - Radii are grown by the safe distance. Among polygons and in a distance field the nearest surface
-  repels; frontal obstacles are then the view's discs, or circles about the field's obstacles.
+  repels. Frontal obstacles are then the view's discs, or circles about the field's obstacles.
 """
 
 from __future__ import annotations
@@ -55,16 +55,16 @@ DISCARDED = 0.5
 EPSILON = 0.03
 """epsilon of Eq. 13, in squared hundredths of the direct line."""
 STEP_SHARE = 0.5
-"""The share of Eq. 17, printed as a partial sign."""
+"""The share of Eq. 17 (printed there as a partial derivative sign)."""
 MU = 10.0
 """mu of Eq. 18: weight of the distance to the goal in an invalid path."""
 _MOST_OF_GAP = 0.9
 _MOST_STEPS = 4000
-_STILL_STEPS = 64  # without progress over so many steps, the forces cancel
+_STILL_STEPS = 64  # after this many steps without progress, the forces cancel
 _TOLERANCE = 1e-4
 _WIDENINGS = 3
 _UNITS = 100.0
-_LEAST_UNITS = 5.0  # safe distances: for a goal nearer than this the unit shrinks no further
+_LEAST_UNITS = 5.0  # for a goal nearer than this, in safe distances, the unit does not shrink
 _FINALISTS = 12
 
 
@@ -74,8 +74,8 @@ class Classes(NamedTuple):
     Attributes:
         along: (F,) distances from the start at which the frontal lines cross the direct line, m,
             ascending.
-        frontal: (K,) which discs are frontal.
-        adjacent: (K,) which discs are adjacent.
+        frontal: (K,) whether each disc is frontal.
+        adjacent: (K,) whether each disc is adjacent.
         adjacent_m: Half width of the strip that holds the adjacent discs, m.
     """
 
@@ -108,7 +108,7 @@ def classify(
     radius = discs[:, 2] + safe_m
     between = (along > 0.0) & (along < reach)
     crossed = between & (across <= radius)
-    # Frontal too: discs no farther off than the radius of the largest one on the line.
+    # Discs no farther away than the radius of the largest disc on the line are frontal, too.
     largest = radius[crossed].max(initial=0.0)
     frontal = between & ((across <= radius) | (across <= largest)) if largest > 0.0 else crossed
     adjacent_m = widen * 2.0 * float(radius.max(initial=safe_m))
@@ -121,7 +121,7 @@ class Field(NamedTuple):
 
     Attributes:
         p: The planning problem, with the obstacles that repel.
-        along: (F,) where the frontal lines cross the direct line, m from the start.
+        along: (F,) distances from the start at which the frontal lines cross the direct line, m.
         epsilon: Strength of the repulsion (Eq. 13), m^2.
         strip: Largest distance from the direct line, m.
     """
@@ -141,10 +141,10 @@ def roll_out(f: Field, genes: FloatArray, path: FloatArray) -> tuple[int, float,
     Args:
         f: The field.
         genes: (F,) turns of the attraction, rad, one for each frontal obstacle.
-        path: (n, 2) takes the points, m, map frame.
+        path: (n, 2) receives the points, m, map frame.
 
     Returns:
-        How many points were written, the path's length, m, and whether it ends at the goal.
+        Number of points, length of the path, m, and whether it ends at the goal.
     """
     p = f.p
     dx, dy = p.goal_x - p.start_x, p.goal_y - p.start_y
@@ -156,13 +156,13 @@ def roll_out(f: Field, genes: FloatArray, path: FloatArray) -> tuple[int, float,
         gx, gy = p.goal_x - x, p.goal_y - y
         left = math.hypot(gx, gy)
         gap, nx, ny = nearest_surface(p, x, y)
-        # The goal is nearer than any obstacle: the straight way there is free.
+        # If the goal is nearer than any obstacle, the straight way to it is free.
         if left <= gap or left < 1e-9:
             path[n, 0], path[n, 1] = p.goal_x, p.goal_y
             return n + 1, length + left, True
         gap = max(gap, 1e-3 * p.safe_m)
         s = ux * (x - p.start_x) + uy * (y - p.start_y)
-        # The gene of the next frontal line applies; beyond the last one nothing is deformed.
+        # The gene of the next frontal line applies; there is no deformation beyond the last line.
         turn = 0.0
         for j in range(f.along.size):
             if s < f.along[j]:
@@ -192,7 +192,7 @@ def roll_out(f: Field, genes: FloatArray, path: FloatArray) -> tuple[int, float,
 
 @njit(cache=True)
 def fitness(f: Field, genes: FloatArray, path: FloatArray) -> float:
-    """Fitness of a chromosome (Mohamed 2012, Eq. 18); counts one trial.
+    """Compute the fitness of a chromosome (Mohamed 2012, Eq. 18); counts as a trial.
 
     Args:
         f: The field.
@@ -212,11 +212,11 @@ def fitness(f: Field, genes: FloatArray, path: FloatArray) -> float:
 
 @njit(cache=True)
 def tournament(fit: FloatArray, count: int, state: State) -> int:
-    """Draw `TOURNAMENT` chromosomes uniformly, with replacement, and pick the fittest.
+    """Draw `TOURNAMENT` chromosomes uniformly, with replacement, and select the fittest.
 
     Args:
         fit: (n,) fitness.
-        count: Only the first so many take part.
+        count: Number of chromosomes, from the first, that take part.
         state: (1,) random state, advanced.
 
     Returns:
@@ -253,7 +253,7 @@ def breed(genes: FloatArray, fit: FloatArray, kept: int, state: State) -> None:
                         genes[row, j] = genes[first, j] if j < cut else genes[second, j]
                     row += 1
         else:
-            # Mutation: one gene of a copied winner is drawn anew.
+            # Mutation: one gene of a copied winner is drawn again.
             a = tournament(fit, kept, state)
             for j in range(count):
                 genes[row, j] = genes[a, j]
@@ -275,9 +275,9 @@ def evolve(
 
     Args:
         f: The field.
-        genes: (n, F) takes the last population, rad, the fittest first.
-        fit: (n,) takes its fitness, 1/m.
-        idle_limit: Generations without improvement after which the search ends.
+        genes: (n, F) receives the last population, rad, the fittest first.
+        fit: (n,) receives its fitness, 1/m.
+        idle_limit: Number of generations without improvement after which the search ends.
         budget: Largest number of fitness evaluations.
         path: (m, 2) scratch for the points.
         state: (1,) random state, advanced.
@@ -324,7 +324,7 @@ class GaApf(RolloutPlanner):
         return lambda p, attempt: self._search(p, discs, state)
 
     def _search(self, p: Problem, discs: FloatArray, state: State) -> Rollout:
-        """Evolve in the strip, and in wider ones as long as no path reaches the goal safely."""
+        """Evolve in the strip, and in wider strips while no path reaches the goal safely."""
         start, goal = np.array([p.start_x, p.start_y]), np.array([p.goal_x, p.goal_y])
         reach = math.dist(start, goal)
         if reach < 1e-9:
@@ -350,7 +350,7 @@ class GaApf(RolloutPlanner):
         return done._replace(evaluations=int(p.trials[0]) - before, generations=generations)
 
     def _fittest(self, field: Field, p: Problem, genes: FloatArray) -> Rollout:
-        """The fittest chromosome whose whole path is safe, else the fittest."""
+        """Return the fittest chromosome whose whole path is safe, else the fittest."""
         rollouts = []
         for row in genes[:_FINALISTS]:
             count, _, reached = roll_out(field, row, self._path)
@@ -363,7 +363,7 @@ class GaApf(RolloutPlanner):
 
 
 def _discs(world: WorldView) -> FloatArray:
-    """The view's discs (K, 3); if it has a distance field only, circles about its obstacles."""
+    """Return the view's discs (K, 3), or circles about the obstacles of a mere distance field."""
     discs = np.asarray(world.discs_xyr_m, dtype=np.float64).reshape(-1, 3)
     if len(discs) or not world.distance_m.size:
         return discs
@@ -371,7 +371,7 @@ def _discs(world: WorldView) -> FloatArray:
 
 
 def _among(p: Problem, discs: FloatArray, keep: np.ndarray) -> Problem:
-    """The problem with only the adjacent discs; a distance field stays as it is."""
+    """Return the problem with only the adjacent discs; a distance field stays as it is."""
     if p.field.size or len(discs) != p.discs.shape[1]:
         return p
     return p._replace(discs=np.ascontiguousarray(discs[keep].T))

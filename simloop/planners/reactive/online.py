@@ -1,10 +1,10 @@
 """Simulation of a point robot in a world that it knows only by sensing.
 
 Source: Abed 2022, Section 3: unknown fixed obstacles, moving obstacles, a moving goal. The fixed
-part is what a `WorldView` can hold (discs, convex polygons, a distance field). Movers are discs
-that go to and fro on a polyline, and so is a moving goal; neither reacts to the robot. A mover is
-sensed while any part of it is within reach and no fixed obstacle lies in front of its centre. The
-robot estimates its velocity from the last two positions at which it sensed it.
+part is anything that a `WorldView` can hold (discs, convex polygons, a distance field). Movers are
+discs that go to and fro on a polyline; a moving goal does the same. Neither reacts to the robot. A
+mover is sensed while any part of it is in range and no fixed obstacle lies in front of its centre.
+The robot estimates its velocity from the last two positions at which it sensed it.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class MovingPoint:
     """A point that moves to and fro along a polyline at a constant speed.
 
     Attributes:
-        points_m: (n, 2) corners of the polyline, m, map frame; one point: at rest.
+        points_m: (n, 2) corners of the polyline, m, map frame; one point if it is at rest.
         speed_m: Distance covered in one step, m.
     """
 
@@ -38,7 +38,7 @@ class MovingPoint:
     speed_m: float = 0.0
 
     def at(self, step: float) -> FloatArray:
-        """Position after some steps.
+        """Compute the position after some steps.
 
         Args:
             step: Number of steps since the start; fractions are allowed.
@@ -72,7 +72,7 @@ class Mover:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OnlineWorld:
-    """A world to be crossed step by step, with the robot's data.
+    """A world to cross step by step, with the robot's data.
 
     Attributes:
         name: Name of the scene.
@@ -81,10 +81,10 @@ class OnlineWorld:
         goal: Motion of the goal.
         movers: Moving obstacles.
         radius_m: Robot's radius, m.
-        safe_m: Distance that its centre keeps from everything, m; at least ``radius_m``.
+        safe_m: Distance of its centre from all obstacles, m; at least ``radius_m``.
         step_m: Length of one step, m.
         reach_m: Range of its sensor, m.
-        most_steps: After so many steps the run ends.
+        most_steps: The run ends after this many steps.
     """
 
     name: str
@@ -105,8 +105,8 @@ class Trajectory:
 
     Attributes:
         points_m: (steps + 1, 2) robot's positions, m, map frame.
-        reached: Whether the robot stood at the goal at the end.
-        collisions: Number of steps in which the robot's disc touched something.
+        reached: Whether the robot is at the goal at the end.
+        collisions: Number of steps in which the robot's disc touched an obstacle.
         clearance_m: Least distance of its centre from any surface, m.
         evaluations: Headings (or controllers) evaluated.
     """
@@ -129,20 +129,20 @@ class Trajectory:
 
     @property
     def success(self) -> bool:
-        """Whether the robot reached the goal and touched nothing."""
+        """Whether the robot reached the goal without touching an obstacle."""
         return self.reached and self.collisions == 0
 
 
 @dataclass(slots=True)
 class RangeSensor:
-    """Senses fixed surfaces and movers, and remembers where each mover was sensed last.
+    """Senses fixed surfaces and movers, and stores where it last sensed each mover.
 
     Attributes:
-        problem: Holds the fixed obstacles.
+        problem: The problem with the fixed obstacles.
         reach_m: Range, m.
-        box: (4,) x_min, y_min, x_max, y_max that the robot's centre keeps to, m, map frame.
-        safe_m: Distance of the outer walls about the box, m.
-        last_seen: Number of a mover -> step and position (2,), m, at which it was sensed last.
+        box: (4,) x_min, y_min, x_max, y_max that the robot's centre stays in, m, map frame.
+        safe_m: Distance of the outer walls from the box, m.
+        last_seen: Number of a mover -> step and position (2,), m, of its last detection.
     """
 
     problem: Problem
@@ -153,11 +153,11 @@ class RangeSensor:
     _points: FloatArray = field(default_factory=lambda: np.zeros((BEAMS, 2)))
 
     def points(self, x: float, y: float) -> FloatArray:
-        """Points on fixed surfaces that the beams hit.
+        """Compute the points on fixed surfaces that the beams hit.
 
         Args:
-            x: Sensor's position, m, map frame.
-            y: Sensor's position, m, map frame.
+            x: x of the sensor, m, map frame.
+            y: y of the sensor, m, map frame.
 
         Returns:
             (n, 2) points, m, map frame.
@@ -166,11 +166,11 @@ class RangeSensor:
         return self._points[:count].copy()
 
     def movers(self, x: float, y: float, movers: Sequence[Mover], step: int) -> FloatArray:
-        """The movers in sight, with estimated velocities.
+        """Return the visible movers, with estimated velocities.
 
         Args:
-            x: Sensor's position, m, map frame.
-            y: Sensor's position, m, map frame.
+            x: x of the sensor, m, map frame.
+            y: y of the sensor, m, map frame.
             movers: All movers of the world.
             step: Number of the present step.
 
@@ -195,11 +195,10 @@ class RangeSensor:
 
 
 def padded_safe_distance(p: Problem) -> float:
-    """The distance that a stepping robot keeps from the points that it senses.
+    """Compute the distance that a stepping robot keeps from the points that it senses.
 
-    It is a little more than the safe distance, because there are gaps between the beams, because
-    the path is simplified afterwards, and because the surfaces in a field are known to a fifth
-    of a cell.
+    It is a little more than the safe distance for three reasons: there are gaps between the beams,
+    the path is simplified afterwards, and the surfaces in a field are known to a fifth of a cell.
 
     Args:
         p: The planning problem.
@@ -212,7 +211,7 @@ def padded_safe_distance(p: Problem) -> float:
 
 
 def motion_box(problem: Problem) -> FloatArray:
-    """The box that the robot's centre keeps to: the bounds, extended to start and goal.
+    """Compute the box that the robot's centre stays in: the bounds, extended to start and goal.
 
     Args:
         problem: The planning problem.
@@ -229,7 +228,7 @@ def motion_box(problem: Problem) -> FloatArray:
 
 
 def simulate(world: OnlineWorld, steering: Steering, rng: np.random.Generator) -> Trajectory:
-    """Let a robot cross a world that it does not know, up to the goal or the last step.
+    """Simulate a robot in a world that it does not know, up to the goal or the last step.
 
     Args:
         world: The world and the robot's data.
@@ -259,7 +258,7 @@ def simulate(world: OnlineWorld, steering: Steering, rng: np.random.Generator) -
         collisions += clear < world.radius_m
         least, here = min(least, clear), there
         path.append(here)
-        # The goal may move on during the step: half a step from its new position is close enough.
+        # The goal may move during the step: half a step from its new position is close enough.
         if math.dist(here, world.goal.at(step + 1)) <= 0.5 * world.step_m:
             reached = True
             break
@@ -269,7 +268,7 @@ def simulate(world: OnlineWorld, steering: Steering, rng: np.random.Generator) -
 def _clearance_during(
     world: OnlineWorld, problem: Problem, a: FloatArray, b: FloatArray, step: int
 ) -> float:
-    """Least distance of the robot's centre from any surface while it moves from a to b, m."""
+    """Compute the least distance of the robot's centre from any surface on its way a to b, m."""
     least = np.inf
     for share in np.linspace(0.0, 1.0, _SUBSTEPS + 1):
         x, y = a + share * (b - a)

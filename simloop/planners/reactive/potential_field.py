@@ -1,13 +1,13 @@
-"""The plain artificial potential field, which stops where its forces cancel.
+"""Plain artificial potential field, which stops where its forces cancel.
 
-Source: Khatib 1986, as Mohamed 2012 prints it in Eqs. 1-3. The negative gradients of the two
+Source: Khatib 1986, as printed in Mohamed 2012, Eqs. 1-3. The negative gradients of the two
 potentials are an attraction xi d(q, goal) and, from each obstacle nearer than rho, a repulsion
-eta (1/d - 1/rho) / d^2. A point follows the direction of the summed force in equal steps, which
-are shortened near obstacles so that no step ends inside one. The genetically optimised field
-(`ga_apf`) is compared with this planner; its local minima are intended.
+eta (1/d - 1/rho) / d^2. A point follows the direction of the summed force in equal steps. The steps
+are shortened near obstacles so that none ends inside one. The genetically optimised field
+(`ga_apf`) is compared with this planner, whose local minima are intended.
 
 Chosen here: the gains and the step. d is measured to the obstacle grown by the safe distance.
-In a distance field, which knows no single obstacles, only the nearest surface repels.
+In a distance field, which has no separate obstacles, only the nearest surface repels.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from simloop.planners.reactive.rollout import (
 ATTRACTION = 1.0
 """xi of Eq. 1."""
 REPULSION = 4.0
-"""eta of Eq. 2, in safe distances to the power of four: a scaled world gives a scaled path."""
+"""eta of Eq. 2, in safe distances to the fourth power: a scaled world gives a scaled path."""
 REACH_SAFE = 1.5
 """Distance up to which obstacles repel (rho of Eq. 2), in safe distances."""
 _STEP_SAFE = 0.2
@@ -43,12 +43,12 @@ _MOST_STEPS = 20_000
 
 @njit(cache=True)
 def force(p: Problem, x: float, y: float, reach: float) -> tuple[float, float]:
-    """Force at a point (Mohamed 2012, Eq. 3).
+    """Compute the force at a point (Mohamed 2012, Eq. 3).
 
     Args:
         p: The planning problem.
-        x: Point, m, map frame.
-        y: Point, m, map frame.
+        x: x of the point, m, map frame.
+        y: y of the point, m, map frame.
         reach: Distance up to which obstacles repel, m.
 
     Returns:
@@ -79,14 +79,14 @@ def force(p: Problem, x: float, y: float, reach: float) -> tuple[float, float]:
 
 @njit(cache=True)
 def follow_force(p: Problem, path: FloatArray) -> tuple[int, bool]:
-    """Follow the force from the start until the goal, a local minimum or the path's end.
+    """Follow the force from the start to the goal, to a local minimum, or until ``path`` is full.
 
     Args:
         p: The planning problem.
-        path: (n >= 2, 2) takes the points, m, map frame.
+        path: (n >= 2, 2) receives the points, m, map frame.
 
     Returns:
-        How many points were written, and whether the last one is the goal.
+        Number of points, and whether the last one is the goal.
     """
     step = _STEP_SAFE * p.safe_m
     x, y = p.start_x, p.start_y
@@ -94,14 +94,14 @@ def follow_force(p: Problem, path: FloatArray) -> tuple[int, bool]:
     for n in range(1, path.shape[0]):
         left = math.hypot(p.goal_x - x, p.goal_y - y)
         gap, _, _ = nearest_surface(p, x, y)
-        # Within a step of the goal, and with nothing in between: done.
+        # The goal is within a step and no obstacle lies in between: the end.
         if left <= step and (left <= gap or left < 1e-9):
             path[n, 0], path[n, 1] = p.goal_x, p.goal_y
             return n + 1, True
         fx, fy = force(p, x, y, REACH_SAFE * p.safe_m)
         size = math.hypot(fx, fy)
         size = size if size > 1e-12 else 1.0
-        # Half the gap cannot reach the obstacle; the floor frees a point that starts inside.
+        # Half the gap cannot reach the obstacle; the minimum frees a point that starts inside.
         go = min(step, max(0.5 * gap, 0.05 * step))
         x, y = x + go * fx / size, y + go * fy / size
         if not inside_bounds(p, x, y):
@@ -109,7 +109,7 @@ def follow_force(p: Problem, path: FloatArray) -> tuple[int, bool]:
         path[n, 0], path[n, 1] = x, y
         if n > _STILL_STEPS and n % _STILL_STEPS == 0:
             back = n - _STILL_STEPS
-            # Where the forces cancel, the point trembles about one place.
+            # Where the forces cancel, the point oscillates about one place.
             moved = math.hypot(x - path[back, 0], y - path[back, 1])
             if moved < _STILL_SHARE * _STILL_STEPS * 0.05 * step:
                 return n + 1, False

@@ -1,6 +1,6 @@
-"""Base of the planners that plan by moving a point step by step through the world view.
+"""Base of the planners that move a point step by step through the world view.
 
-The path is the simplified trace of the point. Its account (J, clearance along every segment, the
+The path is the simplified trace of the point. Its account (J, clearance along every segment,
 overhang of the three-disc footprint) is the same as that of every other planner.
 """
 
@@ -21,10 +21,10 @@ from simloop.planners.problem.clearance import Problem, relaxed_clearance
 from simloop.planners.protocol import PlanningTask
 
 TOLERANCE_SHARES = (0.02, 0.005, 0.0)
-"""Distances that a simplified path may lie from the trace, in safe distances. The first one that
+"""Allowed distances of a simplified path from the trace, in safe distances. The first one that
 costs no clearance is used."""
 _OVERHANG_SHARES = (0.0, 0.25, 0.5, 1.0)
-# Half widths of the central differences: a share of the safe distance, of a field's cell.
+# Half widths of the central differences: as a share of the safe distance, and of a field's cell.
 _SLOPE_SAFE = 1e-3
 _SLOPE_CELLS = 0.5
 
@@ -35,8 +35,8 @@ class Rollout(NamedTuple):
     Attributes:
         path: (n, 2) the point's positions, m, map frame.
         reached: Whether the last one is the goal.
-        evaluations: Candidates tried on the way.
-        generations: Generations of a search, if there was one.
+        evaluations: Number of candidates tried.
+        generations: Number of generations of a search, if there was one.
         candidates: Further paths (n, 2), m, map frame, for display.
     """
 
@@ -49,15 +49,16 @@ class Rollout(NamedTuple):
 
 @njit(cache=True)
 def nearest_surface(p: Problem, x: float, y: float) -> tuple[float, float, float]:
-    """Distance from a point to the nearest obstacle grown by the safe distance, and its gradient.
+    """Compute the distance from a point to the nearest grown obstacle, and its gradient.
 
-    Near a start that is too close to an obstacle the safe distance is relaxed. Among discs the
-    gradient is exact, elsewhere it comes from central differences.
+    Obstacles are grown by the safe distance. Near a start that is too close to an obstacle the safe
+    distance is relaxed. Among discs the gradient is exact, elsewhere it comes from central
+    differences.
 
     Args:
         p: The planning problem.
-        x: Point, m, map frame.
-        y: Point, m, map frame.
+        x: x of the point, m, map frame.
+        y: y of the point, m, map frame.
 
     Returns:
         Distance, m, negative inside the grown obstacle; unit vector away from the obstacle, or
@@ -85,12 +86,12 @@ def nearest_surface(p: Problem, x: float, y: float) -> tuple[float, float, float
 
 @njit(cache=True)
 def inside_bounds(p: Problem, x: float, y: float) -> bool:
-    """Whether a point lies in the waypoints' box, extended to start and goal.
+    """Tell whether a point lies in the waypoints' box, extended to start and goal.
 
     Args:
         p: The planning problem.
-        x: Point, m, map frame.
-        y: Point, m, map frame.
+        x: x of the point, m, map frame.
+        y: y of the point, m, map frame.
 
     Returns:
         Whether it lies inside.
@@ -102,19 +103,19 @@ def inside_bounds(p: Problem, x: float, y: float) -> bool:
 
 @njit(cache=True)
 def simplify(path: FloatArray, tolerance: float) -> FloatArray:
-    """Drop points that the shape of a path does not need (Douglas & Peucker 1973).
+    """Simplify a path: drop points that its shape does not need (Douglas & Peucker 1973).
 
     Args:
         path: (n, 2) points, m.
         tolerance: Largest distance of a dropped point from the simplified path, m.
 
     Returns:
-        (k, 2) the points that stay, the first and the last among them.
+        (k, 2) the remaining points, the first and the last among them.
     """
     n = path.shape[0]
     keep = np.zeros(n, dtype=np.bool_)
     keep[0] = keep[n - 1] = True
-    todo = [(0, n - 1)]  # a stack in place of recursion, which numba types poorly
+    todo = [(0, n - 1)]  # a stack instead of recursion, which numba types poorly
     while len(todo) > 0:
         first, last = todo.pop()
         dx, dy = path[last, 0] - path[first, 0], path[last, 1] - path[first, 1]
@@ -134,14 +135,14 @@ def simplify(path: FloatArray, tolerance: float) -> FloatArray:
 
 
 def with_extra_clearance(p: Problem, extra_m: float) -> Problem:
-    """The same problem with a larger safe distance.
+    """Return the same problem with a larger safe distance.
 
     Args:
         p: The planning problem.
-        extra_m: Added to the safe distance, m.
+        extra_m: Distance to add to the safe distance, m.
 
     Returns:
-        A problem that still lets the robot leave a start which lacks the larger distance.
+        A problem in which the robot can still leave a start that lacks the larger distance.
     """
     slack = p.start_slack + extra_m if p.start_slack > 0.0 else 0.0
     if slack == 0.0 and extra_m > 0.0:
@@ -158,15 +159,15 @@ def plan_by_rollout(
 ) -> Plan:
     """Move a point to the goal and turn its trace into a plan.
 
-    A point knows nothing of the vehicle's overhang. If its path lacks clearance because of it, the
-    obstacles are grown by a quarter, a half and the whole of the overhang. The first path that is
-    safe and reaches the goal is taken, else the one that lacks least.
+    The moving point ignores the vehicle's overhang. If its path lacks clearance for this reason,
+    the obstacles are grown by a quarter, a half and the whole of the overhang. The first path that
+    is safe and reaches the goal is used, else the one with the least missing clearance.
 
     Args:
         name: Name of the planner.
-        task: The task, with the world view that was planned in.
-        problem: The planning problem in that view.
-        roll_out: Called with a problem and the number of the attempt, from 0.
+        task: The task, with the original world view.
+        problem: The planning problem in the view that the planner uses.
+        roll_out: Function of a problem and the number of the attempt, from 0.
 
     Returns:
         The plan; ``safe`` only if its path keeps the safe distance and reaches the goal.
@@ -211,34 +212,34 @@ class RolloutPlanner:
         """Move a point to the goal and return its trace as a plan; see `Planner.plan`.
 
         Args:
-            task: What to plan; the previous plan is not used.
+            task: The task; its previous plan is not used.
             rng: Source of all randomness.
 
         Returns:
-            The plan. If the point does not reach the goal, it ends where the point stopped and is
-            not safe.
+            The plan. If the point does not reach the goal, the plan ends where the point stopped
+            and is not safe.
         """
         task = replace(task, world=self._usable_view(task.world))
         problem = problem_of(self._config, self._overhang, task)
         return plan_by_rollout(self.name, task, problem, self._make_rollout(task.world, rng))
 
     def _usable_view(self, world: WorldView) -> WorldView:
-        """The view in the form that this planner can use."""
+        """Return the view in a form that this planner can use."""
         return world
 
     def _make_rollout(
         self, world: WorldView, rng: np.random.Generator
     ) -> Callable[[Problem, int], Rollout]:
-        """The function that moves the point; see `plan_by_rollout`."""
+        """Return the function that moves the point; see `plan_by_rollout`."""
         raise NotImplementedError
 
 
 def _finish(p: Problem, done: Rollout) -> tuple[FloatArray, float]:
-    """The simplified path, of two points at least, and the clearance that it lacks, m."""
+    """Return the simplified path, with at least two points, and its missing clearance, m."""
     path, lack = done.path, np.inf
     for share in TOLERANCE_SHARES:
         path = simplify(np.ascontiguousarray(done.path), share * p.safe_m)
-        if len(path) == 1:  # the point never left the start: show where it was to go
+        if len(path) == 1:  # the point never left the start: show its intended direction
             path = np.array([path[0], (p.goal_x, p.goal_y)])
         if done.reached:
             path[-1] = p.goal_x, p.goal_y

@@ -1,9 +1,8 @@
-"""Range sensing of a simulated point robot: where beams hit, and how far it can move.
+"""Range sensing of a simulated point robot: where its beams hit, and how far it can move.
 
-The step-by-step planners know nothing of the world but one scan: points on the surfaces within
-reach, and moving discs. Beams are exact among discs and polygons; in a distance field they are
-traced by sphere tracing. All positions are in the map frame, angles in rad counter-clockwise
-from +x.
+The step-by-step planners know only one scan of the world: points on the surfaces within range, and
+moving discs. Beams are exact among discs and polygons; in a distance field they use sphere tracing.
+All positions are in the map frame, angles in rad counter-clockwise from +x.
 """
 
 from __future__ import annotations
@@ -19,28 +18,28 @@ from simloop.planners.problem.clearance import Problem, point_clearance
 from simloop.planners.reactive.rollout import nearest_surface
 
 BEAMS = 360
-"""Beams of a scan, and headings that a sweep tries, in a full turn."""
-# A field interpolates between cell centres: below this distance its value is not reliable.
+"""Number of beams in a scan, and of headings in a sweep, per full turn."""
+# A field interpolates between cell centres: values below this distance are not reliable.
 _TOUCH_CELLS = 0.6
 _LEAST_STEP_CELLS = 0.25
 _PREDICTED_STEPS = 8
-# Angles off the present heading, counted towards the followed side, between which the surface to
-# follow is sought: from a little across to the other side to a little past straight behind.
+# Range of angles, relative to the present heading and positive to the followed side, in which the
+# surface to follow is searched: from a little to the other side to a little past straight behind.
 _SIDE_FROM_RAD, _SIDE_TO_RAD = -0.35, 3.3
 _FREE_STEPS = 1.5
 
 
 class LocalView(NamedTuple):
-    """What a point robot knows when it chooses one step.
+    """The knowledge of a point robot when it chooses one step.
 
     Attributes:
         points: (n, 2) sensed points on fixed surfaces, m, map frame.
         movers: (k, 5) sensed moving discs: x, y, radius, m, and estimated vx, vy, m per step.
-        x: Robot's position, m, map frame.
-        y: Robot's position, m, map frame.
-        target_x: Position that it heads for, m, map frame.
-        target_y: Position that it heads for, m, map frame.
-        safe_m: Distance that its centre keeps from every surface, m.
+        x: x of the robot, m, map frame.
+        y: y of the robot, m, map frame.
+        target_x: x of the position that it heads for, m, map frame.
+        target_y: y of the position that it heads for, m, map frame.
+        safe_m: Distance of its centre from every surface, m.
         step_m: Length of one step, m.
         reach_m: Range of the sensor, m.
         box: (4,) x_min, y_min, x_max, y_max that its centre stays in, m, map frame.
@@ -60,32 +59,32 @@ class LocalView(NamedTuple):
 
 @njit(cache=True)
 def _trace_field(p: Problem, x: float, y: float, ux: float, uy: float, reach: float) -> float:
-    """Range along a beam through a distance field by sphere tracing; ``reach`` for no hit."""
+    """Trace a beam through a distance field by spheres; return its range, ``reach`` for no hit."""
     cell = 1.0 / p.per_m
     t = 0.0
     while t < reach:
         d = point_clearance(p, x + t * ux, y + t * uy)
         if d < _TOUCH_CELLS * cell:
             return t
-        # Nothing lies within d, so the beam may jump by d; the floor keeps it moving at a wall.
+        # No obstacle lies within d, so the beam may jump by d; a minimum keeps it moving at a wall.
         t += max(d, _LEAST_STEP_CELLS * cell)
     return reach
 
 
 @njit(cache=True)
 def cast_ray(p: Problem, x: float, y: float, ux: float, uy: float, reach: float) -> float:
-    """Range from a point along a unit vector to the first obstacle.
+    """Compute the range from a point along a unit vector to the first obstacle.
 
     Args:
         p: The planning problem that holds the obstacles.
-        x: Beam's origin, m, map frame.
-        y: Beam's origin, m, map frame.
-        ux: Unit direction.
-        uy: Unit direction.
+        x: x of the beam's origin, m, map frame.
+        y: y of the beam's origin, m, map frame.
+        ux: x of the unit direction.
+        uy: y of the unit direction.
         reach: Largest range, m.
 
     Returns:
-        Range, m; ``reach`` if nothing is hit before.
+        Range, m; ``reach`` if nothing is nearer.
     """
     if p.field.size > 0:
         return _trace_field(p, x, y, ux, uy, reach)
@@ -93,7 +92,7 @@ def cast_ray(p: Problem, x: float, y: float, ux: float, uy: float, reach: float)
     for k in range(p.discs.shape[1]):
         dx, dy = p.discs[0, k] - x, p.discs[1, k] - y
         along = dx * ux + dy * uy
-        # Pythagoras: square of the half chord that the beam's line cuts out of the disc.
+        # Pythagoras: square of the half chord of the beam's line in the disc.
         room = p.discs[2, k] ** 2 - (dx * dx + dy * dy - along * along)
         if room >= 0.0 and along > 0.0:
             least = min(least, max(along - math.sqrt(room), 0.0))
@@ -118,7 +117,7 @@ def cast_ray(p: Problem, x: float, y: float, ux: float, uy: float, reach: float)
 
 @njit(cache=True)
 def _nearest_field_point(p: Problem, x: float, y: float) -> tuple[float, float]:
-    """The nearest surface point of a distance field, from a point close to it."""
+    """Find the nearest surface point of a distance field, from a point close to it."""
     gap, ux, uy = nearest_surface(p, x, y)
     gap += p.safe_m
     return x - gap * ux, y - gap * uy
@@ -126,17 +125,17 @@ def _nearest_field_point(p: Problem, x: float, y: float) -> tuple[float, float]:
 
 @njit(cache=True)
 def distance_to_edge(box: FloatArray, x: float, y: float, ux: float, uy: float) -> float:
-    """Distance from a point along a unit vector to the edge of a box.
+    """Compute the distance from a point along a unit vector to the edge of a box.
 
     Args:
         box: (4,) x_min, y_min, x_max, y_max, m, map frame.
-        x: Start, m, map frame.
-        y: Start, m, map frame.
-        ux: Unit direction.
-        uy: Unit direction.
+        x: x of the start, m, map frame.
+        y: y of the start, m, map frame.
+        ux: x of the unit direction.
+        uy: y of the unit direction.
 
     Returns:
-        Distance, m; 0 from outside the box towards the outside.
+        Distance, m; 0 if the point is outside the box and the direction leads away from it.
     """
     least = np.inf
     for at, u, low, high in ((x, ux, box[0], box[2]), (y, uy, box[1], box[3])):
@@ -153,20 +152,19 @@ def scan(
 ) -> int:
     """Cast a full turn of beams, the first along +x, and collect the points that they hit.
 
-    The bounds are a surface too: a wall lies ``safe`` outside the box that the robot's centre
-    keeps to.
+    The bounds are a surface too: a wall lies ``safe`` outside the box of the robot's centre.
 
     Args:
         p: The planning problem that holds the obstacles.
-        x: Sensor's position, m, map frame.
-        y: Sensor's position, m, map frame.
+        x: x of the sensor, m, map frame.
+        y: y of the sensor, m, map frame.
         reach: Range of the sensor, m.
-        box: (4,) x_min, y_min, x_max, y_max that the robot's centre keeps to, m, map frame.
-        safe: Distance of the walls about the box, m.
-        out: (BEAMS, 2) takes the hit points, m, map frame.
+        box: (4,) x_min, y_min, x_max, y_max that the robot's centre stays in, m, map frame.
+        safe: Distance of the walls from the box, m.
+        out: (BEAMS, 2) receives the hit points, m, map frame.
 
     Returns:
-        How many rows of ``out`` were filled.
+        Number of rows of ``out`` that are filled.
     """
     walls = np.array([box[0] - safe, box[1] - safe, box[2] + safe, box[3] + safe])
     count = 0
@@ -175,7 +173,7 @@ def scan(
         ux, uy = math.cos(angle), math.sin(angle)
         t, edge = cast_ray(p, x, y, ux, uy, reach), distance_to_edge(walls, x, y, ux, uy)
         hit_x, hit_y = x + min(t, edge) * ux, y + min(t, edge) * uy
-        # Sphere tracing stops short of the surface: project the hit onto it along the gradient.
+        # Sphere tracing stops before the surface: project the hit onto it along the gradient.
         if p.field.size > 0 and t < min(edge, reach):
             hit_x, hit_y = _nearest_field_point(p, hit_x, hit_y)
         if min(t, edge) < reach:
@@ -186,16 +184,16 @@ def scan(
 
 @njit(cache=True)
 def free_range(view: LocalView, x: float, y: float, ux: float, uy: float) -> float:
-    """How far a disc of radius ``view.safe_m`` can move before it touches a sensed point.
+    """Compute how far a disc of radius ``view.safe_m`` can move before it touches a sensed point.
 
-    A point that lies inside the disc already blocks only directions that lead nearer to it.
+    A point that is already inside the disc blocks only directions that lead nearer to it.
 
     Args:
         view: What the robot knows.
-        x: Disc's centre, m, map frame.
-        y: Disc's centre, m, map frame.
-        ux: Unit direction.
-        uy: Unit direction.
+        x: x of the disc's centre, m, map frame.
+        y: y of the disc's centre, m, map frame.
+        ux: x of the unit direction.
+        uy: y of the unit direction.
 
     Returns:
         Free distance, m, at most ``view.reach_m``.
@@ -214,12 +212,12 @@ def free_range(view: LocalView, x: float, y: float, ux: float, uy: float) -> flo
 
 @njit(cache=True)
 def nearest_point_distance(view: LocalView, x: float, y: float) -> float:
-    """Distance from a point to the nearest sensed fixed surface.
+    """Compute the distance from a point to the nearest sensed fixed surface.
 
     Args:
         view: What the robot knows.
-        x: Point, m, map frame.
-        y: Point, m, map frame.
+        x: x of the point, m, map frame.
+        y: y of the point, m, map frame.
 
     Returns:
         Distance, m; ``view.reach_m`` if nothing is nearer.
@@ -232,10 +230,10 @@ def nearest_point_distance(view: LocalView, x: float, y: float) -> float:
 
 @njit(cache=True)
 def collision_threat(view: LocalView, vx: float, vy: float) -> float:
-    """How strongly a velocity leads into the predicted movers: 0 for no encounter.
+    """Compute how strongly a velocity leads into the predicted movers: 0 for no encounter.
 
-    Robot and movers are predicted at constant velocity over `_PREDICTED_STEPS` steps. An
-    encounter counts more the sooner it happens and the deeper it is.
+    Robot and movers are predicted at constant velocity over `_PREDICTED_STEPS` steps. An encounter
+    has more weight if it is sooner or deeper.
 
     Args:
         view: What the robot knows.
@@ -259,12 +257,12 @@ def collision_threat(view: LocalView, vx: float, vy: float) -> float:
 
 @njit(cache=True)
 def nearest_mover_distance(view: LocalView, x: float, y: float) -> float:
-    """Distance from a point to the nearest mover's surface, predicted one step ahead.
+    """Compute the distance from a point to the nearest mover's surface, one step ahead.
 
     Args:
         view: What the robot knows.
-        x: Point, m, map frame.
-        y: Point, m, map frame.
+        x: x of the point, m, map frame.
+        y: y of the point, m, map frame.
 
     Returns:
         Distance, m, negative inside a mover; ``view.reach_m`` if nothing is nearer.
@@ -279,17 +277,17 @@ def nearest_mover_distance(view: LocalView, x: float, y: float) -> float:
 
 @njit(cache=True)
 def surface_heading(view: LocalView, heading: float, side: int) -> float:
-    """The heading that keeps the nearest surface on one side of the robot.
+    """Compute the heading that keeps the nearest surface on one side of the robot.
 
     Args:
         view: What the robot knows.
         heading: The robot's present heading, rad.
-        side: Where the surface is kept: 1 left, -1 right.
+        side: Side of the surface: 1 left, -1 right.
 
     Returns:
         Heading, rad; NaN if no heading is free.
     """
-    # The nearest surface on that side of the present heading is the one to follow.
+    # Follow the nearest surface on that side of the present heading.
     least, towards = np.inf, heading + side * 0.5 * math.pi
     for k in range(view.points.shape[0]):
         dx, dy = view.points[k, 0] - view.x, view.points[k, 1] - view.y
@@ -299,7 +297,7 @@ def surface_heading(view: LocalView, heading: float, side: int) -> float:
             angle = (angle + 0.5 * math.pi) % (2.0 * math.pi) - 0.5 * math.pi
             if _SIDE_FROM_RAD <= angle <= _SIDE_TO_RAD:
                 least, towards = apart, math.atan2(dy, dx)
-    # Headings are swept away from it: the first free one runs closest along the surface.
+    # Sweep headings away from the surface: the first free one runs closest along it.
     for k in range(BEAMS):
         angle = towards - side * 2.0 * math.pi * k / BEAMS
         free = free_range(view, view.x, view.y, math.cos(angle), math.sin(angle))
@@ -310,15 +308,15 @@ def surface_heading(view: LocalView, heading: float, side: int) -> float:
 
 @njit(cache=True)
 def easier_side(view: LocalView, bearing: float, enough: float) -> int:
-    """The side on which to keep an obstacle ahead, so that the robot turns as little as possible.
+    """Choose the side for an obstacle ahead, so that the robot turns as little as possible.
 
     Args:
         view: What the robot knows.
         bearing: The blocked bearing, rad.
-        enough: Free range that a heading needs, m.
+        enough: Required free range of a heading, m.
 
     Returns:
-        1 to keep the obstacle on the left, -1 on the right.
+        1 to keep the obstacle on the left, -1 to keep it on the right.
     """
     for k in range(BEAMS // 2):
         for side in (1, -1):

@@ -2,12 +2,12 @@
 
 Eq. 5: cost = alpha1 dRG + alpha2 / dRO + alpha3 theta, with the distances to the goal (dRG, Eq. 3)
 and to the obstacle (dRO, Eq. 4). Table 1: one variable between -5 and 5, ten agents, ten
-iterations. The variable here is the turn off the target's bearing, rad, so that a rotated world
-gives a rotated path.
+iterations. The variable here is the turn relative to the target's bearing, rad, so that a rotated
+world gives a rotated path.
 
 Chosen here, because the paper leaves it open:
 - the three weights; lengths count in steps, clearances in safe distances;
-- theta is the turn off the bearing. Eq. 6 prints the bearing itself, which no choice can change;
+- theta is the turn relative to the bearing. Eq. 6 prints the bearing itself, which is no choice;
 - a step that ends too close to an obstacle, or that meets a mover, costs up to twice
   `BLOCKED_COST` more.
 """
@@ -39,7 +39,7 @@ TURN_LIMIT_RAD = 5.0
 
 @njit(cache=True)
 def heading_cost(view: LocalView, angle: float, bearing: float) -> float:
-    """Cost of one step in a direction (Abed 2022, Eq. 5, with penalties).
+    """Compute the cost of one step in a direction (Abed 2022, Eq. 5, with penalties).
 
     Args:
         view: What the robot knows.
@@ -53,7 +53,7 @@ def heading_cost(view: LocalView, angle: float, bearing: float) -> float:
     x, y = view.x + view.step_m * ux, view.y + view.step_m * uy
     to_target = math.hypot(view.target_x - x, view.target_y - y)
     nearest = min(nearest_point_distance(view, x, y), nearest_mover_distance(view, x, y))
-    # The floor keeps the quotient finite where the step ends inside a mover.
+    # The minimum keeps the quotient finite if the step ends inside a mover.
     to_obstacle = max(nearest, 1e-3 * view.safe_m)
     off = abs((angle - bearing + math.pi) % (2.0 * math.pi) - math.pi)
     cost = (
@@ -62,7 +62,7 @@ def heading_cost(view: LocalView, angle: float, bearing: float) -> float:
         + TURN_WEIGHT * off
     )
     free = free_range(view, view.x, view.y, ux, uy)
-    # A blocked heading costs more the sooner it is blocked, which leads the search out.
+    # A heading costs more the sooner it is blocked, which leads the search out.
     if free < view.step_m:
         cost += BLOCKED_COST * (2.0 - free / view.step_m)
     return cost + BLOCKED_COST * collision_threat(view, view.step_m * ux, view.step_m * uy)
@@ -70,12 +70,12 @@ def heading_cost(view: LocalView, angle: float, bearing: float) -> float:
 
 @njit(cache=True)
 def heading_costs(view: LocalView, turns: FloatArray, out: FloatArray) -> None:
-    """Costs of several turns off the target's bearing.
+    """Compute the costs of several turns relative to the target's bearing.
 
     Args:
         view: What the robot knows.
-        turns: (n, 1) turns off the target's bearing, rad.
-        out: (n,) takes the costs.
+        turns: (n, 1) turns relative to the target's bearing, rad.
+        out: (n,) receives the costs.
     """
     bearing = math.atan2(view.target_y - view.y, view.target_x - view.x)
     for k in range(turns.shape[0]):
@@ -83,7 +83,7 @@ def heading_costs(view: LocalView, turns: FloatArray, out: FloatArray) -> None:
 
 
 class HeadingObjective:
-    """An `Objective` of one variable: the turn off the target's bearing, rad."""
+    """An `Objective` of one variable: the turn relative to the target's bearing, rad."""
 
     def __init__(self, view: LocalView) -> None:
         self._view = view
@@ -93,8 +93,8 @@ class HeadingObjective:
         """Evaluate a population of turns; see `Objective.costs`.
 
         Args:
-            x: (n, 1) turns off the target's bearing, rad.
-            out: (n,) takes the costs.
+            x: (n, 1) turns relative to the target's bearing, rad.
+            out: (n,) receives the costs.
             bounds: (n,) not used: every cost is computed in full.
         """
         heading_costs(self._view, x, out)
@@ -107,7 +107,7 @@ class RuleSteering:
         self._rule, self.evaluations = rule, 0
 
     def heading(self, view: LocalView, heading: float, state: State) -> float:
-        """Search the heading of least cost (Abed 2022, Eq. 5).
+        """Search for the heading of least cost (Abed 2022, Eq. 5).
 
         Args:
             view: What the robot knows.

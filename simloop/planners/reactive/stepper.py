@@ -1,19 +1,19 @@
-"""A point robot that decides one step at a time from what it senses (Abed 2022, Sections 3, 4).
+"""Point robot that decides one step at a time from what it senses (Abed 2022, Sections 3, 4).
 
-Each step has the paper's two phases. In the sensing phase the robot looks for obstacles: with
-nothing in reach it moves straight to its target. Otherwise a `Steering` (AVOA, APSO, fuzzy-WDO)
-calculates the heading of the step; see `simloop.planners.reactive.steering`.
+Each step has the paper's two phases. In the sensing phase the robot looks for obstacles; if none is
+in range, it moves straight to its target. Otherwise a `Steering` (AVOA, APSO, fuzzy-WDO) computes
+the heading of the step; see `simloop.planners.reactive.steering`.
 
-Chosen here: the paper claims to leave local minima but does not say how, and a cost of a single
-step cannot. The stepper therefore follows surfaces, in the manner of the Bug algorithms (Lumelsky
-& Stepanov 1987; Kamon, Rimon & Rivlin 1998):
+Chosen here: the paper claims to leave local minima but does not say how. A cost of a single step
+cannot do it. The stepper therefore follows surfaces, like the Bug algorithms (Lumelsky & Stepanov
+1987; Kamon, Rimon & Rivlin 1998):
 
 - It starts where a step no longer brings the robot nearer to the goal. The obstacle is kept on
-  the side that needs the smaller turn, and the steering's target becomes a point ahead along the
+  the side that needs the smaller turn. The steering's target becomes a point ahead along the
   surface. The steering's heading may differ from the surface's by `_STEERING_MARGIN_RAD` at most.
-- It ends where the goal's bearing is free and the robot is nearer to the goal than where it
-  started. Every such episode brings it nearer to the goal, so it cannot circle for ever.
-- Where every heading is blocked, or the step would meet a mover, the robot waits.
+- It ends where the goal's bearing is free and the robot is nearer to the goal than at the start of
+  the episode. Every episode brings the robot nearer to the goal, so it cannot circle for ever.
+- If every heading is blocked, or the step would meet a mover, the robot waits.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ from simloop.planners.reactive.sensing import (
 from simloop.planners.splitmix import State
 
 BLOCKED_COST = 10.0
-"""Added cost of a heading whose step would end too close to an obstacle."""
-_PROGRESS_SHARE = 0.1  # of a step: with less progress than this the robot counts as stopped
+"""Extra cost of a heading whose step would end too close to an obstacle."""
+_PROGRESS_SHARE = 0.1  # less progress than this share of a step counts as a stop
 _AHEAD_STEPS = 2.0
 _OPEN_STEPS = 4.0
 _LOOP_STEPS = 20
@@ -46,7 +46,7 @@ class Steering(Protocol):
     """Chooses the heading of one step from what is sensed.
 
     Attributes:
-        evaluations: How many headings (or whole controllers) were evaluated so far.
+        evaluations: Number of headings (or whole controllers) evaluated so far.
     """
 
     evaluations: int
@@ -80,13 +80,13 @@ class Stepper:
             heading: First heading, rad, map frame.
         """
         self._steering, self._state, self._heading = steering, state, heading
-        self._side = 0  # 1, -1: a surface is followed on the left, right; 0: towards the goal
+        self._side = 0  # 1 or -1: a surface is followed on the left or right; 0: towards the goal
         self._stopped_at = np.zeros(2)
         self._follow_steps = 0
 
     @property
     def evaluations(self) -> int:
-        """How many headings (or whole controllers) were evaluated so far."""
+        """Number of headings (or whole controllers) evaluated so far."""
         return self._steering.evaluations
 
     def step(self, view: LocalView, goal: FloatArray) -> FloatArray:
@@ -94,10 +94,10 @@ class Stepper:
 
         Args:
             view: What the robot knows; its target is replaced here.
-            goal: (2,) where the goal is now, m, map frame.
+            goal: (2,) present position of the goal, m, map frame.
 
         Returns:
-            (2,) next position, m, map frame; the present one if the robot waits.
+            (2,) next position, m, map frame; the present position if the robot waits.
         """
         here = np.array([view.x, view.y])
         left = math.dist(here, goal)
@@ -114,7 +114,7 @@ class Stepper:
             ahead = free_range(view, view.x, view.y, math.cos(bearing), math.sin(bearing))
             stopped = math.dist(there, goal) > left - _PROGRESS_SHARE * view.step_m
             stopped = stopped and ahead < min(left, _AHEAD_STEPS * view.step_m)
-            # A robot that waits for a mover is not stuck at a surface: it waits on.
+            # A robot that waits for a mover is not stuck at a surface, so it keeps waiting.
             if not stopped or (waits and collision_threat(view, 0.0, 0.0) > 0.0):
                 return there
             self._side = easier_side(view, bearing, min(_OPEN_STEPS * view.step_m, view.reach_m))
@@ -122,7 +122,7 @@ class Stepper:
         return self._follow_surface(view, here)
 
     def _can_reach_goal(self, view: LocalView, bearing: float, left: float) -> bool:
-        """Whether this very step can end at the goal."""
+        """Whether this step can end at the goal."""
         ux, uy = math.cos(bearing), math.sin(bearing)
         if left > view.step_m or free_range(view, view.x, view.y, ux, uy) < left:
             return False
@@ -131,17 +131,17 @@ class Stepper:
     def _may_leave_surface(
         self, view: LocalView, goal: FloatArray, bearing: float, left: float
     ) -> bool:
-        """Whether the goal's bearing is free, nearer to the goal than where the robot stopped."""
+        """Whether the goal's bearing is free and the robot is nearer to it than at its stop."""
         if left > math.dist(self._stopped_at, goal) - 0.5 * view.step_m:
             return False
         ahead = min(left, _AHEAD_STEPS * view.step_m)
         return free_range(view, view.x, view.y, math.cos(bearing), math.sin(bearing)) >= ahead
 
     def _follow_surface(self, view: LocalView, here: FloatArray) -> FloatArray:
-        """One step along the surface that is kept on one side."""
+        """Move one step along the surface that is kept on one side."""
         self._follow_steps += 1
         if self._follow_steps > _LOOP_STEPS and math.dist(here, self._stopped_at) < view.step_m:
-            # The robot went once round the obstacle without finding a way: it turns back.
+            # The robot has circled the obstacle without finding a way, so it turns back.
             self._side, self._follow_steps = -self._side, 0
         angle = surface_heading(view, self._heading, self._side)
         if not math.isfinite(angle):
@@ -152,13 +152,13 @@ class Stepper:
         return self._move(view._replace(target_x=target_x, target_y=target_y), angle)
 
     def _move(self, view: LocalView, surface_rad: float | None = None) -> FloatArray:
-        """One step towards the view's target; surface_rad: the heading along what is followed."""
+        """Move one step towards the view's target; surface_rad: heading along the surface."""
         here = np.array([view.x, view.y])
         if len(view.points) or len(view.movers):
             angle = self._steering.heading(view, self._heading, self._state)
         else:
             angle = math.atan2(view.target_y - view.y, view.target_x - view.x)
-        # Near movers the steering is free, for evading them matters more than the surface.
+        # Near movers the steering is not limited: evasion matters more than the surface.
         if surface_rad is not None and not len(view.movers):
             off = math.remainder(angle - surface_rad, 2.0 * math.pi)
             angle = surface_rad if abs(off) > _STEERING_MARGIN_RAD else angle

@@ -1,7 +1,7 @@
-"""Reference planners from outside the papers, against which the papers' planners are compared.
+"""Reference planners: methods from outside the papers, for comparison with the papers' planners.
 
 - `exact`, `ref_exact`: the exact optimum of J among discs (tangent graph).
 - `ref_visibility`: visibility graph among discs and polygons.
 - `ref_grid`: A* and Theta* on a lattice.
-- `ref_cma`, `ref_ompl`: CMA-ES, Informed RRT* and BIT* by their libraries.
+- `ref_cma`, `ref_ompl`: CMA-ES, Informed RRT* and BIT* from their libraries.
 """

@@ -1,4 +1,4 @@
-"""The exact optimum of J among discs, with which the other planners are compared.
+"""The exact optimum of J among discs, for comparison with the other planners.
 
 J is w1 length + w2 turning (Sabiha 2022, online TLBO, Eq. 12). The best path of a point among discs
 that are grown by the safe distance consists of straight segments, each tangent to two circles (or
@@ -25,7 +25,7 @@ _TURN = 2.0 * math.pi
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExactPath:
-    """The best path. Cost, length and turning belong to the true arcs, not to their samples.
+    """The best path. Cost, length and turning are those of the true arcs, not of their samples.
 
     Attributes:
         points_m: (N, 2) points, arcs sampled, m, map frame.
@@ -64,20 +64,20 @@ class _Tangents:
 
 
 def _tangents(centre: FloatArray, radius: FloatArray, bounds: FloatArray) -> _Tangents:
-    """All directed tangents that cross no circle and stay within the bounds."""
+    """Compute all directed tangents that cross no circle and stay within the bounds."""
     n = len(radius)
     senses = np.array([-1, 1])
     i, si, j, sj = (
         g.ravel() for g in np.meshgrid(np.arange(n), senses, np.arange(n), senses, indexing="ij")
     )
-    # Start and goal are circles of radius 0: one sense stands for both. No tangent leads into the
-    # start or out of the goal.
+    # Start and goal are circles of radius 0, so one sense is enough for them. No tangent leads into
+    # the start or out of the goal.
     keep = (i != j) & (i != 1) & (j != 0) & ((i != 0) | (si == 1)) & ((j != 1) | (sj == 1))
     i, si, j, sj = i[keep], si[keep], j[keep], sj[keep]
     between = centre[j] - centre[i]
     apart = np.hypot(between[:, 0], between[:, 1])
     offset = sj * radius[j] - si * radius[i]
-    # Of circles inside each other, and for inner tangents of circles that overlap, none exists.
+    # Nested circles have no tangents, and overlapping circles have no inner tangents.
     keep = apart > np.abs(offset)
     i, si, j, sj = i[keep], si[keep], j[keep], sj[keep]
     between, apart, offset = between[keep], apart[keep], offset[keep]
@@ -89,7 +89,7 @@ def _tangents(centre: FloatArray, radius: FloatArray, bounds: FloatArray) -> _Ta
     b = centre[j] - (sj * radius[j])[:, None] * left
     free = np.ones(len(i), dtype=bool)
     square = np.maximum(((b - a) ** 2).sum(axis=1), 1e-300)
-    # Free: the nearest point of the segment to every centre is no closer than the radius.
+    # Free: the distance of the segment to every centre is no less than the radius.
     for c, r in zip(centre[2:], radius[2:], strict=True):
         t = np.clip(((c - a) * (b - a)).sum(axis=1) / square, 0.0, 1.0)
         gap = np.hypot(*(a + t[:, None] * (b - a) - c).T) - r
@@ -100,7 +100,10 @@ def _tangents(centre: FloatArray, radius: FloatArray, bounds: FloatArray) -> _Ta
 
 
 def _leaving(t: _Tangents) -> dict[tuple[int, int], list[int]]:
-    """Circle and sense -> the tangents that leave it so: successors of those that reach it so."""
+    """Map a circle and a sense to the tangents that leave the circle in this sense.
+
+    They are the successors of the tangents that reach the circle in this sense.
+    """
     leaving: dict[tuple[int, int], list[int]] = {}
     for e in range(len(t.tail)):
         leaving.setdefault((int(t.tail[e]), int(t.tail_sense[e])), []).append(e)
@@ -110,7 +113,7 @@ def _leaving(t: _Tangents) -> dict[tuple[int, int], list[int]]:
 def _forbidden(
     k: int, centre: FloatArray, radius: FloatArray, bounds: FloatArray
 ) -> list[tuple[float, float]]:
-    """Spans (middle, half width), rad, of circle k that lie in another circle or out of bounds."""
+    """Find the spans of circle k in another circle or out of bounds: (middle, half width), rad."""
     spans: list[tuple[float, float]] = []
     for j in range(2, len(radius)):
         away = centre[j] - centre[k]
@@ -121,7 +124,7 @@ def _forbidden(
             return [(0.0, math.pi)]
         if d <= radius[k] - radius[j]:
             continue
-        # Law of cosines: half the angle under which the two intersections are seen.
+        # Law of cosines: half the angle between the two intersections.
         cosine = (d * d + radius[k] ** 2 - radius[j] ** 2) / (2.0 * d * radius[k])
         spans.append((math.atan2(away[1], away[0]), math.acos(min(1.0, max(-1.0, cosine)))))
     walls = (
@@ -137,7 +140,7 @@ def _forbidden(
 
 
 def _arc_free(spans: list[tuple[float, float]], first: float, sense: int, sweep: float) -> bool:
-    """Whether an arc from angle ``first`` over ``sweep`` >= 0, in a sense, meets no span."""
+    """Whether an arc from angle ``first`` over ``sweep`` >= 0 in a given sense meets no span."""
     middle = first + 0.5 * sense * sweep
     for angle, half in spans:
         off = abs((angle - middle + math.pi) % _TURN - math.pi)
@@ -161,7 +164,7 @@ def exact_path(
 
     Args:
         discs: (K, 3) x, y, radius, m, map frame.
-        bounds: (4,) x_min, y_min, x_max, y_max, m, map frame; no point of the path lies outside.
+        bounds: (4,) x_min, y_min, x_max, y_max of the whole path, m, map frame.
         start: (>= 2,) x, y, m, map frame.
         goal: (>= 2,) x, y, m, map frame.
         safe_m: Distance that the path keeps from every disc, m.
@@ -215,7 +218,7 @@ def _unroll(
     radius: FloatArray,
     arc_step: float,
 ) -> ExactPath:
-    """Follow the parents back from the last tangent and sample the arcs in between."""
+    """Follow the parents back from the last tangent and sample the arcs between the tangents."""
     chain = [last]
     while parent[chain[-1]] >= 0:
         chain.append(int(parent[chain[-1]]))

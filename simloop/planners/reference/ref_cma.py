@@ -1,7 +1,7 @@
-"""CMA-ES (Hansen 2016) by the library ``cma``, on the coded waypoints of the other metaheuristics.
+"""CMA-ES (Hansen 2016) from the library ``cma``, on the coded waypoints of the metaheuristics.
 
-It starts at the cheapest member of the same first population. Each time it has converged it
-restarts at the next cheapest with a doubled population (IPOP), until the budget is spent.
+It starts at the cheapest member of the same first population. Whenever it has converged, it
+restarts at the next cheapest member with a doubled population (IPOP), until the budget is spent.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from simloop.planners.reference.reference import Reference, import_library
 from simloop.planners.splitmix import make_state
 
 POINTS = 8
-"""Waypoints between start and goal."""
-_SIGMA = 0.02  # first standard deviation, in sides of the box
+"""Number of waypoints between start and goal."""
+_SIGMA = 0.02  # first standard deviation, as a share of the box's width
 
 
 class CmaEs(Reference):
     """CMA-ES with restarts.
 
-    Trials are the evaluated paths and those that the routes of the first population took. The
-    first population is always evaluated, however small the budget.
+    Trials are the evaluated paths and the trials of the route search for the first population. The
+    first population is always evaluated, even if the budget is smaller.
     """
 
     name = "cma"
@@ -39,7 +39,7 @@ class CmaEs(Reference):
         self._cma = import_library("cma", self.name)
 
     def route(self, world: WorldView, p: Problem, rng: np.random.Generator) -> FloatArray | None:
-        """Search the path of least cost.
+        """Search for the path of least cost.
 
         Args:
             world: The world view.
@@ -47,7 +47,7 @@ class CmaEs(Reference):
             rng: Source of all randomness.
 
         Returns:
-            (n, 2) waypoints of the best path evaluated, m, map frame; it may be unsafe.
+            (n, 2) waypoints of the best evaluated path, m, map frame; it may be unsafe.
         """
         coding = make_coding(p, "box", self.points)
         objective = PathObjective(p, coding)
@@ -77,7 +77,7 @@ class CmaEs(Reference):
             while not search.stop():
                 asked = np.array(search.ask())
                 left = end - int(p.trials[0])
-                # A generation that the budget does not cover is not evaluated.
+                # A generation that exceeds the budget is not evaluated.
                 if left < len(asked):
                     p.trials[0] = end
                     break
@@ -89,7 +89,7 @@ class CmaEs(Reference):
 
 
 def _costs(objective: PathObjective, x: FloatArray) -> FloatArray:
-    """(n,) costs of coded paths (n, d)."""
+    """Compute the costs (n,) of coded paths (n, d)."""
     out = np.empty(len(x))
     objective.costs(np.ascontiguousarray(x), out, np.full(len(x), np.inf))
     return out

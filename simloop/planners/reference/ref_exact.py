@@ -22,7 +22,7 @@ class Exact(Reference):
     name = "exact"
 
     def route(self, world: WorldView, p: Problem, rng: np.random.Generator) -> FloatArray | None:
-        """Find the path of least J; counts one trial, because nothing is searched at random.
+        """Find the path of least J; it counts as one trial, because the search is not random.
 
         Args:
             world: The world view.

@@ -23,19 +23,19 @@ from simloop.planners.reference.reference import Reference
 
 NODES = 40_000
 """Approximate number of nodes; the spacing follows from it and the area."""
-_NEAR_GOAL = 1.5  # spacings within which a node is connected to the goal
+_NEAR_GOAL = 1.5  # a node is connected to the goal within this many spacings
 _DX = (1, 1, 0, -1, -1, -1, 0, 1)
 _DY = (0, 1, 1, 1, 0, -1, -1, -1)
 
 
 def spacing(p: Problem) -> float:
-    """Distance between neighbouring nodes.
+    """Compute the distance between neighbouring nodes.
 
     Args:
         p: The planning problem.
 
     Returns:
-        Spacing along x and y, m, so that about `NODES` nodes fill the box.
+        Spacing along x and y, m; about `NODES` nodes then fill the box.
     """
     low_x, high_x = min(p.low_x, p.start_x, p.goal_x), max(p.high_x, p.start_x, p.goal_x)
     low_y, high_y = min(p.low_y, p.start_y, p.goal_y), max(p.high_y, p.start_y, p.goal_y)
@@ -46,14 +46,18 @@ def spacing(p: Problem) -> float:
 def _clear(
     p: Problem, ax: float, ay: float, bx: float, by: float, ends: FloatArray, stack: FloatArray
 ) -> bool:
-    """Whether a segment from a to b keeps the safe distance; ends (2, 2) and stack are scratch."""
+    """Whether segment a-b keeps the safe distance; ends (2, 2) and stack are scratch."""
     ends[0, 0], ends[0, 1], ends[1, 0], ends[1, 1] = ax, ay, bx, by
     return is_clear(p, ends[0], ends[1], stack)
 
 
 @njit(cache=True)
 def _lattice(p: Problem, step: float) -> tuple[FloatArray, FloatArray, int, int]:
-    """x and y of all nodes, row by row, and of the goal; number of columns; the start's node."""
+    """Place the lattice.
+
+    Returns x and y of all nodes, row by row, with the goal last; the number of columns; the number
+    of the start's node.
+    """
     low_x, low_y = min(p.low_x, p.start_x, p.goal_x), min(p.low_y, p.start_y, p.goal_y)
     high_x, high_y = max(p.high_x, p.start_x, p.goal_x), max(p.high_y, p.start_y, p.goal_y)
     left, down = int((p.start_x - low_x) / step), int((p.start_y - low_y) / step)
@@ -70,24 +74,24 @@ def _lattice(p: Problem, step: float) -> tuple[FloatArray, FloatArray, int, int]
 
 @njit(cache=True)
 def shortest_path(p: Problem, step: float, any_angle: bool, stack: FloatArray) -> FloatArray:
-    """Search the shortest path over the lattice (A*, or Theta* at any angle).
+    """Search for the shortest path over the lattice (A*, or Theta* at any angle).
 
     Args:
         p: The planning problem.
         step: Distance between neighbouring nodes, m.
-        any_angle: Whether a node may be reached straight from its parent's parent (Theta*).
+        any_angle: Whether a node may be reached directly from its parent's parent (Theta*).
         stack: Scratch for the clearance check, see `make_stack`.
 
     Returns:
         (n, 2) waypoints from start to goal, m, map frame; (0, 2) if there is no path.
     """
     x, y, cols, first = _lattice(p, step)
-    count = x.size - 1  # also the number of the goal's node, the last one
+    count = x.size - 1  # also the number of the goal's node, which is the last one
     rows = count // cols
     far, parent = np.full(count + 1, np.inf), np.full(count + 1, -1, dtype=np.int64)
     closed, ends = np.zeros(count + 1, dtype=np.bool_), np.empty((2, 2))
     far[first], parent[first] = 0.0, first
-    # The straight distance to the goal never exceeds the true one: the first path is the shortest.
+    # The straight distance to the goal is never too long, so the first path found is the shortest.
     queue = [(math.hypot(p.goal_x - p.start_x, p.goal_y - p.start_y), first)]
     while len(queue) > 0:
         _, k = heapq.heappop(queue)
@@ -112,7 +116,7 @@ def shortest_path(p: Problem, step: float, any_angle: bool, stack: FloatArray) -
                 continue
             from_k = far[k] + math.hypot(x[j] - x[k], y[j] - y[k])
             source = k
-            # Theta*: skip the parent if its own parent sees the node, which is never longer.
+            # Theta*: skip the parent if its own parent sees the node; that is never longer.
             if any_angle:
                 above = parent[k]
                 from_above = far[above] + math.hypot(x[j] - x[above], y[j] - y[above])
@@ -131,7 +135,7 @@ def shortest_path(p: Problem, step: float, any_angle: bool, stack: FloatArray) -
 
 @njit(cache=True)
 def _unwind(x: FloatArray, y: FloatArray, parent: FloatArray, first: int, last: int) -> FloatArray:
-    """The nodes' positions (n, 2) from the first to the last node, along the parents."""
+    """Return the positions (n, 2) from the first to the last node, along the parents."""
     count, k = 1, last
     while k != first:
         k = parent[k]
@@ -144,7 +148,7 @@ def _unwind(x: FloatArray, y: FloatArray, parent: FloatArray, first: int, last: 
 
 
 class GridAStar(Reference):
-    """The shortest path along the lattice's edges."""
+    """Finds the shortest path along the lattice's edges."""
 
     name = "astar"
     any_angle: ClassVar[bool] = False
@@ -165,7 +169,7 @@ class GridAStar(Reference):
 
 
 class ThetaStar(GridAStar):
-    """A short path at any angle; it is not always the shortest."""
+    """Finds a short path at any angle; it is not always the shortest."""
 
     name = "theta_star"
     any_angle = True

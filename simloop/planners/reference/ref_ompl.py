@@ -1,8 +1,8 @@
-"""Informed RRT* (Gammell 2014) and BIT* (Gammell 2015) by the library OMPL, minimising length.
+"""Informed RRT* (Gammell 2014) and BIT* (Gammell 2015) from the library OMPL, minimising length.
 
-OMPL usually stops by the clock. Here it stops after a number of checked motions and states, so
-that a plan is the same on every machine. Its random numbers depend on one seed of the whole
-process, which is set again for each plan.
+OMPL usually stops by the clock. Here it stops after a number of checked motions and states, so that
+a plan is the same on every machine. Its random numbers depend on one seed for the whole process,
+which is set again for each plan.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class InformedRrtStar(Reference):
         return np.array([[state[0], state[1]] for state in states])
 
     def _space(self, p: Problem) -> Any:
-        """The plane within the bounds, extended to start and goal."""
+        """Make the plane within the bounds, extended to start and goal."""
         space, bounds = self._base.RealVectorStateSpace(2), self._base.RealVectorBounds(2)
         sides = ((p.low_x, p.high_x, p.start_x, p.goal_x), (p.low_y, p.high_y, p.start_y, p.goal_y))
         for axis, (low, high, start, goal) in enumerate(sides):
@@ -86,7 +86,7 @@ class BitStar(InformedRrtStar):
 
 
 def _motions(base: Any) -> Any:
-    """OMPL's motion validator by the planners' own clearance check.
+    """Make OMPL's motion validator from the planners' own clearance check.
 
     The class is made here because its base is only known once OMPL is imported.
     """

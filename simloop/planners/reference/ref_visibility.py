@@ -23,9 +23,9 @@ from simloop.planners.problem.objective import make_stack
 from simloop.planners.reference.reference import Reference
 
 CORNERS = 96
-"""Number of corners of a whole circle."""
-# The corners lie outside the shape by this share of the radius. Without it rounding would hide the
-# edges that run along the side of a grown shape.
+"""Number of corners that replace a whole circle."""
+# The corners lie outside the shape by this share of the radius. Without it, rounding hides the
+# edges along the side of a grown shape.
 _OUT = 1e-6
 
 
@@ -34,8 +34,8 @@ class Corners(NamedTuple):
 
     Attributes:
         at: (N, 2) positions, m, map frame.
-        before: (N, 2) position of the node before on the same shape, m, map frame.
-        after: (N, 2) position of the node after on the same shape, m, map frame.
+        before: (N, 2) position of the previous node of the same shape, m, map frame.
+        after: (N, 2) position of the next node of the same shape, m, map frame.
     """
 
     at: FloatArray
@@ -44,13 +44,13 @@ class Corners(NamedTuple):
 
 
 def grown_corners(p: Problem) -> Corners:
-    """Start, goal, and the corners of the grown shapes.
+    """Collect the start, the goal, and the corners of the grown shapes.
 
     Args:
         p: The planning problem.
 
     Returns:
-        The nodes; corners that another shape covers, or that are out of bounds, are left out.
+        The nodes, without corners that another shape covers or that are out of bounds.
     """
     rings = [np.array([[p.start_x, p.start_y]]), np.array([[p.goal_x, p.goal_y]])]
     for x, y, r in p.discs.T:
@@ -60,7 +60,7 @@ def grown_corners(p: Problem) -> Corners:
         last = int(p.corners[first, 2])
         corners = p.corners[first:last, :2]
         edges = np.roll(corners, -1, axis=0) - corners
-        # A corner becomes an arc from the normal of the edge before to that of the edge after.
+        # A corner becomes an arc from the normal of the previous edge to that of the next edge.
         normal = np.arctan2(-edges[:, 0], edges[:, 1])
         arcs = [
             _arc(x, y, p.safe_m, before, before + (after - before) % (2.0 * math.pi))
@@ -79,7 +79,7 @@ def grown_corners(p: Problem) -> Corners:
 
 
 def _arc(x: float, y: float, radius: float, first: float, last: float) -> FloatArray:
-    """Corners (n, 2) of the polygon around an arc that touches it at both ends and in between."""
+    """Compute the corners (n, 2) of the polygon around an arc, which touches it at both ends."""
     count = max(1, math.ceil((last - first) / (2.0 * math.pi) * CORNERS))
     half = 0.5 * (last - first) / count
     angles = first + half * (2.0 * np.arange(count) + 1.0)
@@ -101,9 +101,9 @@ def _touches(corners: Corners, k: int, dx: float, dy: float) -> bool:
 def visible_edges(
     p: Problem, corners: Corners, stack: FloatArray
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Directed edges between nodes that see each other.
+    """Find the directed edges between nodes that see each other.
 
-    Only lines that touch both shapes are kept: no other edge can be part of a best path.
+    Only lines that touch both shapes are kept, because no other edge can be part of a best path.
 
     Args:
         p: The planning problem.
@@ -113,7 +113,7 @@ def visible_edges(
     Returns:
         (E,) node that each edge leaves, (E,) node that it reaches.
     """
-    tail, head = [0], [0]  # a first entry, dropped below, tells numba the type
+    tail, head = [0], [0]  # a dummy entry, dropped below, tells numba the type
     for i in range(len(corners.at)):
         for j in range(i + 1, len(corners.at)):
             dx, dy = corners.at[j] - corners.at[i]
@@ -134,7 +134,7 @@ def best_chain(
     length_weight: float,
     turning_weight: float,
 ) -> list[int] | None:
-    """Chain of nodes of least J = w1 S + w2 Theta from node 0 to node 1.
+    """Find the chain of nodes of least J = w1 S + w2 Theta from node 0 to node 1.
 
     Args:
         nodes: (N, 2) positions, m, map frame.
@@ -160,7 +160,7 @@ def best_chain(
         cost, e = heapq.heappop(queue)
         if cost > best[e]:
             continue
-        # The first edge that is settled at the goal ends the cheapest chain.
+        # The first settled edge that ends at the goal completes the cheapest chain.
         if head[e] == 1:
             chain = [1]
             edge = e

@@ -1,7 +1,7 @@
 """Base class of the reference planners: methods from outside the papers, used for comparison.
 
 They follow the same protocol as all planners and get the same account (J, clearance along every
-segment). Most of them minimise length alone, as their own definition says.
+segment). Most of them minimise length alone, because that is how they are defined.
 """
 
 from __future__ import annotations
@@ -44,10 +44,10 @@ def import_library(name: str, planner: str) -> Any:
 
 
 class Reference(RolloutPlanner):
-    """A planner whose subclasses find a `route`; without one its plan is the straight line.
+    """A planner whose subclasses find a `route`; without a route its plan is the straight line.
 
-    A view of a kind that the registry does not list for the planner is replaced by its discs, if
-    it holds any.
+    If the registry does not list the view's kind for the planner, the view is replaced by its
+    discs, if it has any.
     """
 
     def _usable_view(self, world: WorldView) -> WorldView:

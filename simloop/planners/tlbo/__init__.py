@@ -1,1 +1,1 @@
-"""The steps of the lead planner: routes, their best mixture, coding as lines, TLBO."""
+"""Steps of the lead planner: routes, their best mixture, coding as lines, and TLBO."""

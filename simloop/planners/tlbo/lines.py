@@ -1,15 +1,16 @@
-"""A polyline coded as the lines of its segments: the subjects that a class of learners learns.
+"""Code a polyline as the lines of its segments; these lines are the subjects of the learners.
 
-Once a path is taut, waypoints make poor subjects. A polygon about an obstacle touches it with
-every segment. Hardly any move of a single waypoint stays clear then, and hardly any mixture of the
-waypoints of two polygons. A line that rolls about what it touches does stay clear. So a learner
-holds by how much the headings and offsets of the lines differ from those of the path that was
-coded. A line rolls on the circle that osculates what it touches, and mixtures of rolled lines are
-clear again (exactly so about a round obstacle).
+Waypoints are poor subjects once a path is taut. Every segment of a polygon about an obstacle
+touches it. Almost no move of a single waypoint stays clear then, and almost no mixture of the
+waypoints of two polygons. A line that rolls about the obstacle stays clear. A learner therefore
+stores the differences in heading and offset between its lines and those of the coded path. A line
+rolls on the circle that osculates the obstacle, and mixtures of rolled lines are clear again
+(exactly so about a round obstacle).
 
 Line i runs from waypoint i to i + 1. With heading t it passes through
 centre - (radius + offset) n, where n = (-sin t, cos t) is its left normal. The radius is positive
-where the obstacle is on the left. The first line turns about the start, the last about the goal.
+where the obstacle is on the left. The first line turns about the start, the last one about the
+goal.
 """
 
 from __future__ import annotations
@@ -36,22 +37,21 @@ _MOST_SHIFT_M = 0.1
 _MOST_SWUNG_RAD = 0.6
 _SAMPLES = 12
 CORRIDOR_M = 1.0
-"""How far a waypoint may move from the coded path's, m."""
+"""Largest distance of a waypoint from the coded path's waypoint, m."""
 
 
 class Lines(NamedTuple):
-    """A coded path: arrays of `MAX_POINTS`, one entry a line.
+    """A coded path: arrays of `MAX_POINTS`, one entry per line.
 
     Attributes:
-        point: (., 2) the waypoints that were coded, in map, m.
+        point: (., 2) the coded waypoints, in map, m.
         centre: (., 2) the point that a line turns or rolls about, in map, m.
-        radius: Radius of the circle that it rolls on, signed, m.
-        cos: Cosine of its heading as coded.
-        sin: Sine of its heading as coded.
-        turn: Turn from the line before, rad.
+        radius: Signed radius of the circle that the line rolls on, m.
+        cos: Cosine of the line's coded heading.
+        sin: Sine of the line's coded heading.
+        turn: Turn from the previous line, rad.
         free: Numbers of the lines that may move, in order.
-        spread: (., 2) by how much the heading and the offset of each free line are drawn, rad and
-            m.
+        spread: (., 2) spread of the random heading and offset of each free line, rad and m.
     """
 
     point: FloatArray
@@ -65,7 +65,7 @@ class Lines(NamedTuple):
 
 
 def make_lines() -> Lines:
-    """Make room for a coded path of `MAX_POINTS`.
+    """Allocate a coded path of `MAX_POINTS`.
 
     Returns:
         The arrays, all zero.
@@ -85,7 +85,7 @@ def make_lines() -> Lines:
 
 @njit(cache=True, forceinline=True)
 def _turned(x: float, y: float, angle: float) -> tuple[float, float]:
-    """A vector turned by a small angle: cosine and sine to 1e-8, far quicker than the library's."""
+    """Turn a vector by a small angle, with a fast cosine and sine of accuracy 1e-8."""
     a = angle * angle
     c = 1.0 - 0.5 * a * (1.0 - a / 12.0 * (1.0 - a / 30.0))
     s = angle * (1.0 - a / 6.0 * (1.0 - a / 20.0 * (1.0 - a / 42.0)))
@@ -96,15 +96,15 @@ def _turned(x: float, y: float, angle: float) -> tuple[float, float]:
 def decode(
     p: Problem, lines: Lines, subject: FloatArray, free: int, m: int, path: FloatArray
 ) -> float:
-    """Compute the waypoints of a learner's subject.
+    """Compute the waypoints of a learner.
 
     Args:
         p: The problem.
         lines: The coded path.
-        subject: (>= free, 2) by how much each free line's heading and offset differ, rad and m.
-        free: How many lines may move.
-        m: How many waypoints the path has.
-        path: (>= m, 2) takes the waypoints, m.
+        subject: (>= free, 2) change of each free line's heading and offset, rad and m.
+        free: Number of lines that may move.
+        m: Number of waypoints of the path.
+        path: (>= m, 2) receives the waypoints, m.
 
     Returns:
         The path's turning, rad; negative if the lines do not meet in their order, or meet outside
@@ -127,14 +127,14 @@ def decode(
             at += 1
         wx = lines.centre[i, 0] + shift * vy
         wy = lines.centre[i, 1] - shift * vx
-        if i > 0:  # the waypoint is where this line meets the one before
+        if i > 0:  # this line meets the previous one at the waypoint
             turning += abs(lines.turn[i] + swung - swung_before)
             cross = ux * vy - uy * vx
             if abs(cross) < _LEAST_CROSS:
                 return -1.0
             t = ((wx - qx) * vy - (wy - qy) * vx) / cross
             x, y = qx + t * ux, qy + t * uy
-            # Written so that a NaN is refused as well.
+            # The comparison also refuses a NaN.
             if not (p.low_x <= x <= p.high_x and p.low_y <= y <= p.high_y):
                 return -1.0
             if (
@@ -142,7 +142,7 @@ def decode(
                 and abs(x - lines.point[i, 0]) + abs(y - lines.point[i, 1]) > CORRIDOR_M
             ):
                 return -1.0
-            # The lines have to meet in their order.
+            # The lines must meet in their order.
             if (x - path[i - 1, 0]) * ux + (y - path[i - 1, 1]) * uy < 0.0:
                 return -1.0
             path[i, 0], path[i, 1] = x, y
@@ -154,7 +154,10 @@ def decode(
 
 @njit(cache=True)
 def _contact(p: Problem, a: FloatArray, b: FloatArray) -> float:
-    """Where on the way from a to b (0 to 1) the clearance is least: by samples, then by thirds."""
+    """Find the share (0 to 1) of the way from a to b with the least clearance.
+
+    The search uses samples first, then trisection.
+    """
     best, at = np.inf, 0.5
     for k in range(_SAMPLES + 1):
         t = k / _SAMPLES
@@ -178,7 +181,7 @@ def _contact(p: Problem, a: FloatArray, b: FloatArray) -> float:
 def _rolled_lack(
     p: Problem, a: FloatArray, b: FloatArray, t: float, angle: float, stack: FloatArray
 ) -> float:
-    """What the segment a-b lacks in clearance after a turn by ``angle`` about its part t, m."""
+    """Compute the missing clearance of segment a-b, m, turned by ``angle`` about its share t."""
     c, s = math.cos(angle), math.sin(angle)
     dx, dy = b[0] - a[0], b[1] - a[1]
     ex, ey = c * dx - s * dy, s * dx + c * dy
@@ -192,7 +195,7 @@ def _rolled_lack(
 
 @njit(cache=True)
 def _lay(p: Problem, path: FloatArray, m: int, lines: Lines) -> None:
-    """Write the lines as they are; none of them rolls yet."""
+    """Write the lines of the path; none of them rolls yet."""
     copy_path(path, m, lines.point)
     for i in range(m - 1):
         dx, dy = path[i + 1, 0] - path[i, 0], path[i + 1, 1] - path[i, 1]
@@ -211,21 +214,21 @@ def _lay(p: Problem, path: FloatArray, m: int, lines: Lines) -> None:
 
 @njit(cache=True)
 def encode(p: Problem, path: FloatArray, m: int, lines: Lines, stack: FloatArray) -> int:
-    """Code a path as lines, and decide which of them may move.
+    """Code a path as lines, and decide which lines may move.
 
-    A line that touches nothing may move inwards. A line that touches one thing only, between two
-    turns to the same side, may roll if, turned a little about its contact, it lacks no more than a
-    circle of modest radius would make it lack. Where the path is not safe, every line may move.
+    A line without contact may move inwards. A line with a single contact, between two turns to the
+    same side, may roll. The condition is that a small turn about the contact costs no more
+    clearance than about a circle of modest radius. If the path is not safe, every line may move.
 
     Args:
         p: The problem.
         path: (>= m, 2) waypoints, no two neighbours at the same place, m.
-        m: How many of them count.
-        lines: Takes the coded path.
+        m: Number of waypoints.
+        lines: Receives the coded path.
         stack: Scratch.
 
     Returns:
-        How many lines may move.
+        Number of lines that may move.
     """
     _lay(p, path, m, lines)
     free = 0
@@ -237,7 +240,7 @@ def encode(p: Problem, path: FloatArray, m: int, lines: Lines, stack: FloatArray
         x, y = a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1])
         slack = relaxed_clearance(p, x, y) - p.safe_m
         before, after = lines.turn[i], lines.turn[i + 1]
-        # What it may swing and shift, by what its contact leaves it.
+        # Range of swing and shift, from the slack at the line's contact.
         swing, offset = 0.0, 0.0
         if lack > 0.0:
             swing, offset = _MOST_SWING_RAD, min(lack, _MOST_SHIFT_M)
@@ -245,7 +248,7 @@ def encode(p: Problem, path: FloatArray, m: int, lines: Lines, stack: FloatArray
             swing, offset = min(0.5 * slack / length, _MOST_SWING_RAD), 0.5 * slack
         if i == 0 or i == m - 2:
             offset = 0.0
-        # Between two turns to the same side it may roll on the circle that osculates its contact.
+        # Between two turns to the same side it may roll on the circle that osculates the obstacle.
         if lack == 0.0 and before * after > 0.0:
             size = _ROLL_SHARE * min(abs(before), abs(after))
             sink = _rolled_lack(p, a, b, t, size, stack)
@@ -265,15 +268,15 @@ def encode(p: Problem, path: FloatArray, m: int, lines: Lines, stack: FloatArray
 
 @njit(cache=True)
 def nearby(p: Problem, path: FloatArray, m: int) -> Problem:
-    """Return the problem without the discs that no path within `CORRIDOR_M` can come near.
+    """Drop the discs that no path within `CORRIDOR_M` can come near.
 
     Args:
         p: The problem.
         path: (>= m, 2) waypoints, m.
-        m: How many of them count.
+        m: Number of waypoints.
 
     Returns:
-        The same problem with fewer discs; trials are counted in the same place.
+        The same problem with fewer discs; it shares the counter of trials.
     """
     keep = np.empty(p.discs.shape[1], np.int64)
     n = 0

@@ -1,9 +1,9 @@
-"""The best mixture of several routes: a search over the waypoints of all of them.
+"""Best mixture of several routes: a search over the waypoints of all of them.
 
-Two routes that differ in two places leave two more combinations unseen. The waypoints of all
-routes and the clear segments between any of them make a small graph. The state of the search is a
-directed segment, so that turning counts as in the objective (A* with the straight distance to the
-goal as its heuristic).
+Two routes that differ in two places leave two more combinations to try. The waypoints of all routes
+and the clear segments between any two of them make a small graph. The state of the search is a
+directed segment, so that turning counts as in the objective. The search is A* with the straight
+distance to the goal as its heuristic.
 """
 
 from __future__ import annotations
@@ -26,7 +26,10 @@ _UNKNOWN, _CLEAR, _BLOCKED = 0, 1, 2
 
 @njit(cache=True)
 def _gather(p: Problem, routes: FloatArray, counts: IntArray, found: int, nodes: FloatArray) -> int:
-    """Start, goal, then the inner waypoints of every route, near twins left out. How many."""
+    """Collect the start, the goal, then the inner waypoints of all routes; return their number.
+
+    A waypoint that nearly coincides with an earlier one is left out.
+    """
     nodes[0, 0], nodes[0, 1] = p.start_x, p.start_y
     nodes[1, 0], nodes[1, 1] = p.goal_x, p.goal_y
     n = 2
@@ -46,7 +49,7 @@ def _gather(p: Problem, routes: FloatArray, counts: IntArray, found: int, nodes:
 
 @njit(cache=True)
 def _distances(nodes: FloatArray, n: int) -> FloatArray:
-    """(n, n) distance between any two of the first n nodes."""
+    """Compute the (n, n) distances between any two of the first n nodes, m."""
     apart = np.empty((n, n))
     for u in range(n):
         for v in range(n):
@@ -56,7 +59,7 @@ def _distances(nodes: FloatArray, n: int) -> FloatArray:
 
 @njit(cache=True, forceinline=True)
 def _turn(nodes: FloatArray, u: int, v: int, w: int) -> float:
-    """Turn at node v on the way u -> v -> w, rad, not signed."""
+    """Compute the unsigned turn at node v on the way u -> v -> w, rad."""
     ux, uy = nodes[v, 0] - nodes[u, 0], nodes[v, 1] - nodes[u, 1]
     wx, wy = nodes[w, 0] - nodes[v, 0], nodes[w, 1] - nodes[v, 1]
     return abs(math.atan2(ux * wy - uy * wx, ux * wx + uy * wy))
@@ -77,14 +80,14 @@ def recombine(
     Args:
         p: The problem.
         routes: (>= found, MAX_POINTS, 2) waypoints, m.
-        counts: (>= found,) how many waypoints each route has.
-        found: How many routes there are.
-        bound: Cost that the mixture has to stay below.
-        out: (MAX_POINTS, 2) takes the mixture.
+        counts: (>= found,) number of waypoints of each route.
+        found: Number of routes.
+        bound: The mixture must cost less than this.
+        out: (MAX_POINTS, 2) receives the mixture, m.
         stack: Scratch.
 
     Returns:
-        How many points the mixture has; 0 if there is none.
+        Number of points of the mixture; 0 if there is none.
     """
     nodes = np.empty((_MOST_NODES, 2))
     n = _gather(p, routes, counts, found, nodes)
@@ -93,7 +96,7 @@ def recombine(
     best = np.full(n * n, np.inf)
     parent = np.full(n * n, -1, np.int32)
     done = np.zeros(n * n, np.bool_)
-    # State u * n + v stands for the segment u -> v; the search begins at 0 (start -> start).
+    # State u * n + v is the segment u -> v; the search begins at 0 (start -> start).
     best[0] = 0.0
     queue = [(p.length_weight * apart[0, 1], 0)]
     while len(queue) > 0:
@@ -115,7 +118,7 @@ def recombine(
                 cost += p.turning_weight * _turn(nodes, u, v, w)
             if cost + onward >= bound or cost >= best[v * n + w]:
                 continue
-            if sight[v, w] == _UNKNOWN:  # the costly question, so asked last and only once
+            if sight[v, w] == _UNKNOWN:  # the expensive test: made last, and only once
                 sight[v, w] = _CLEAR if is_clear(p, nodes[v], nodes[w], stack) else _BLOCKED
                 if sight[v, w] == _BLOCKED:
                     continue
@@ -127,7 +130,7 @@ def recombine(
 
 @njit(cache=True)
 def _unwind(nodes: FloatArray, parent: IntArray, state: int, n: int, out: FloatArray) -> int:
-    """Write the nodes that lead to ``state``, start first; 0 if there are too many."""
+    """Write the nodes that lead to ``state``, start first; return 0 if there are too many."""
     m = 1
     k = state
     while k > 0:

@@ -1,9 +1,9 @@
-"""Rough routes of different homotopy, from which a planner's first class begins.
+"""Find rough routes of different homotopy, from which a planner's first class begins.
 
-A wave from the goal and one from the start cross a coarse lattice, over discs and field alike. The
-way start -> v -> goal through a node v has a known length, and a signature that tells on which
-side of each obstacle it passes. The ways of the shortest few signatures become routes and are
-pulled taut.
+One wave from the goal and one from the start cross a coarse lattice, over discs and field alike.
+The way start -> v -> goal through a node v has a known length. Its signature tells on which side
+it passes each obstacle. The shortest ways with different signatures become routes and are pulled
+taut.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _NEARLY, _BLOCKED, _SOLID = 4, 100, 1500
 _FAR = np.int32(2**30)
 _LIFTS = 3
 _TABLE = 512
-_HOPELESS = 1.06  # a taut route so much costlier than the best settled one is given up
+_HOPELESS = 1.06  # a taut route that costs more than this times the best settled route is dropped
 _STRETCH = 1.35  # routes longer than this times the shortest are not followed
 
 IntArray = NDArray[np.int32]
@@ -37,8 +37,8 @@ class Lattice(NamedTuple):
     Attributes:
         low_x: x of node (0, 0), in map, m.
         low_y: y of node (0, 0), in map, m.
-        step: Distance of two nodes, m.
-        weight: (ny, nx) factor of what a step at a node costs.
+        step: Distance between two neighbouring nodes, m.
+        weight: (ny, nx) cost factor of a step at a node.
     """
 
     low_x: float
@@ -49,14 +49,14 @@ class Lattice(NamedTuple):
 
 @njit(cache=True)
 def make_lattice(p: Problem, most_nodes: int, solid: bool = False) -> Lattice:
-    """Cover the waypoints' box and both ends with nodes.
+    """Cover the waypoints' box and both ends with a lattice.
 
     Args:
         p: The problem.
-        most_nodes: About how many nodes at most.
-        solid: Whether blocked nodes cost so much that the longest way round is cheaper. Otherwise a
-            gap that the nodes miss may be crossed where the way round is long, and so may a thin
-            wall.
+        most_nodes: Approximate upper limit of the number of nodes.
+        solid: Whether blocked nodes cost so much that the longest way round is cheaper. Otherwise,
+            if the way round is long, a route may cross blocked nodes. It then finds gaps between
+            the nodes, but may also cross a thin wall.
 
     Returns:
         The lattice.
@@ -103,7 +103,7 @@ def _draw_disc(
 
 @njit(cache=True)
 def _ray_codes(lattice: Lattice) -> NDArray[np.int64]:
-    """(ny, nx) code added when a step goes from column ix to ix + 1 at (or from) row iy.
+    """Compute the (ny, nx) codes of steps from column ix to ix + 1 at (or from) row iy.
 
     Each connected blocked region sends a ray down from its lowest node, between two columns. A step
     across the ray adds the region's random number, modulo 2^64.
@@ -141,7 +141,7 @@ def _ray_codes(lattice: Lattice) -> NDArray[np.int64]:
 
 @njit(cache=True, forceinline=True)
 def _crossed(code: NDArray[np.int64], ux: int, uy: int, vx: int, vy: int) -> Any:
-    """What a step from node u to its neighbour v adds to the signature."""
+    """Return what a step from node u to its neighbour v adds to the signature."""
     if vx > ux:
         return code[uy, ux]
     return -code[vy, vx] if vx < ux else np.int64(0)
@@ -156,11 +156,11 @@ def _wave(
     onward: IntArray,
     far: int,
 ) -> tuple[IntArray, IntArray, NDArray[np.int64], int]:
-    """Dijkstra by buckets: distance, parent and signature of each node from ``source``.
+    """Run Dijkstra with buckets: distance, parent and signature of each node from ``source``.
 
-    The last value returned is the limit beyond which it did not search.
+    The last return value is the search limit.
 
-    onward: distance that remains to the target, known from the other wave (empty on the first).
+    onward: remaining distance to the target, known from the other wave (empty for the first wave).
     """
     weight = lattice.weight
     ny, nx = weight.shape
@@ -188,7 +188,7 @@ def _wave(
         if distance[u] != now:
             continue
         if u == target and onward.size == 0:
-            far = min(far, int(now * _STRETCH) + 10 * _STRAIGHT)  # ways not much longer
+            far = min(far, int(now * _STRETCH) + 10 * _STRAIGHT)  # others may be a little longer
         uy, ux = u // nx, u % nx
         for k in range(9):  # the eight neighbours; 4 is the node itself
             vy, vx = uy + k // 3 - 1, ux + k % 3 - 1
@@ -219,12 +219,12 @@ def _shortest_classes(
     far: int,
     most: int,
 ) -> IntArray:
-    """The node of least detour of each of the ``most`` shortest signatures, shortest first."""
+    """Find the node of least detour for the ``most`` shortest signatures, shortest first."""
     key = np.zeros(_TABLE, np.int64)
     length = np.full(_TABLE, _FAR, np.int32)
     node = np.full(_TABLE, -1, np.int32)
     held = 0
-    # A hash table from signature to the node of least detour.
+    # The hash table maps a signature to its node of least detour.
     for v in range(ahead.size):
         total = ahead[v] + behind[v]
         if total > far:
@@ -249,9 +249,9 @@ def _shortest_classes(
 def _chain(
     lattice: Lattice, p: Problem, via: int, from_start: IntArray, to_goal: IntArray, out: FloatArray
 ) -> int:
-    """Points start -> ... -> via -> ... -> goal along both waves' parents."""
+    """Write the points start -> ... -> via -> ... -> goal along both waves' parents."""
     nx = lattice.weight.shape[1]
-    # Count the points back to the start, then write them in the order of travel.
+    # Count the points back to the start, then write them in travel order.
     n = 0
     v = via
     while v >= 0:
@@ -268,7 +268,7 @@ def _chain(
         out[n, 1] = lattice.low_y + (v // nx) * lattice.step
         n += 1
         v = to_goal[v]
-    # The true ends replace the nodes nearest to them.
+    # The exact ends replace their nearest nodes.
     out[0, 0], out[0, 1] = p.start_x, p.start_y
     n = max(n, 2)
     out[n - 1, 0], out[n - 1, 1] = p.goal_x, p.goal_y
@@ -277,10 +277,10 @@ def _chain(
 
 @njit(cache=True)
 def _lift(p: Problem, step: float, chain: FloatArray, n: int) -> None:
-    """Move each point of a chain that has too little clearance up the gradient of the clearance.
+    """Move each point of a chain with too little clearance up the gradient of the clearance.
 
-    A little more than enough is asked for, because a segment between two points about a corner cuts
-    the corner.
+    The target is a little more than the required clearance, because a segment between two points
+    about a corner cuts the corner.
     """
     wanted = p.safe_m + min(step * step / (3.0 * p.safe_m), 0.3 * step)
     h = 0.25 * step
@@ -305,7 +305,7 @@ def _lift(p: Problem, step: float, chain: FloatArray, n: int) -> None:
 
 @njit(cache=True)
 def _node_at(lattice: Lattice, x: float, y: float) -> int:
-    """Number of the node nearest to a point."""
+    """Return the number of the node nearest to a point."""
     ny, nx = lattice.weight.shape
     ix = min(max(int((x - lattice.low_x) / lattice.step + 0.5), 0), nx - 1)
     iy = min(max(int((y - lattice.low_y) / lattice.step + 0.5), 0), ny - 1)
@@ -327,23 +327,23 @@ def find_routes(
 
     Args:
         p: The problem.
-        most_nodes: About how many nodes the lattice has at most.
+        most_nodes: Approximate upper limit of the number of lattice nodes.
         sweeps: See `settle`.
-        routes: (K, MAX_POINTS, 2) takes the routes, the cheapest first, m.
-        counts: (K,) takes how many points each has.
-        costs: (K,) takes J of each with its bends split, see `settle`.
+        routes: (K, MAX_POINTS, 2) receives the routes, the cheapest first, m.
+        counts: (K,) receives the number of points of each route.
+        costs: (K,) receives J of each route with split bends, see `settle`.
         stack: Scratch.
         solid: See `make_lattice`.
 
     Returns:
-        How many routes were found.
+        Number of routes found.
     """
     lattice = make_lattice(p, most_nodes, solid)
     ny, nx = lattice.weight.shape
     code = _ray_codes(lattice)
     start = _node_at(lattice, p.start_x, p.start_y)
     goal = _node_at(lattice, p.goal_x, p.goal_y)
-    # A wave from the goal bounds the search; the one from the start looks no farther.
+    # A wave from the goal bounds the search; the wave from the start stays within this bound.
     nothing = np.empty(0, np.int32)
     ahead, to_goal, code_ahead, far = _wave(lattice, code, goal, start, nothing, _FAR - 1)
     behind, from_start, code_behind, _ = _wave(lattice, code, start, goal, ahead, far)
@@ -351,7 +351,7 @@ def find_routes(
     chain = np.empty((2 * nx * ny + 2, 2))
     scratch = np.empty((2, MAX_POINTS, 2))
     best = np.inf
-    # Each class of ways becomes one route: off the obstacles, taut, its bends split.
+    # Each class of ways becomes one route: moved off the obstacles, pulled taut, bends split.
     for k in range(vias.size):
         n = _chain(lattice, p, vias[k], from_start, to_goal, chain)
         _lift(p, lattice.step, chain, n)
@@ -366,15 +366,15 @@ def find_routes(
 
 @njit(cache=True)
 def sort_routes(routes: FloatArray, counts: IntArray, costs: FloatArray, n: int) -> None:
-    """Sort routes by their cost, in place. It sorts by insertion, as there are a handful.
+    """Sort routes by their cost, in place, by insertion because they are few.
 
     Args:
         routes: (>= n, MAX_POINTS, 2) the routes.
-        counts: (>= n,) how many points each has.
-        costs: (>= n,) what each costs.
-        n: How many routes there are.
+        counts: (>= n,) number of points of each route.
+        costs: (>= n,) cost of each route.
+        n: Number of routes.
     """
-    for i in range(1, n):  # insertion: a handful of routes
+    for i in range(1, n):  # insertion sort: few routes
         k = i
         while k > 0 and costs[k] < costs[k - 1]:
             for j in range(MAX_POINTS):

@@ -1,14 +1,14 @@
 """Teaching-learning-based optimisation of a class of polylines, compiled.
 
-Source: Sabiha 2022 (online TLBO), Eqs. 19-26; Rao 2011. It departs from print in four places:
+Source: Sabiha 2022 (online TLBO), Eqs. 19-26; Rao 2011. It differs from the paper in four places:
 - The subjects are the lines of a path's segments, not its waypoints: see `lines`.
-- Positions are measured from the path that was coded, so that Eq. 21 does not depend on where the
-  map's origin is (with T_f = 2 it does as printed).
-- There is one random factor a learner, not one a subject: a step then keeps the shape of a path.
-- A learner that has become the teacher's twin is moved elsewhere.
+- Positions are relative to the coded path, so Eq. 21 does not depend on the map's origin (with
+  T_f = 2 it does in the paper).
+- There is one random factor per learner, not per subject, so a step keeps the shape of a path.
+- A learner that equals the teacher is moved elsewhere.
 
-In this module ``m`` is how many waypoints the coded path has, and ``free`` how many of its lines
-may move.
+In this module ``m`` is the number of waypoints of the coded path, and ``free`` the number of its
+lines that may move.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ from simloop.planners.tlbo.lines import Lines, decode
 
 
 class Class(NamedTuple):
-    """The learners, and scratch.
+    """The learners, and scratch arrays.
 
     Attributes:
         subject: (learners, MAX_POINTS, 2) heading, rad, and offset, m, of each free line: see
             `lines`.
         cost: (learners,) J of each learner.
         mean: (MAX_POINTS, 2) mean of the class.
-        candidate: (MAX_POINTS, 2) the subject that is offered.
-        path: (MAX_POINTS, 2) the waypoints of the learner that is evaluated, m.
+        candidate: (MAX_POINTS, 2) the new subject to be evaluated.
+        path: (MAX_POINTS, 2) the waypoints of the evaluated learner, m.
         stack: Scratch for the clearance of segments.
     """
 
@@ -49,10 +49,10 @@ class Class(NamedTuple):
 
 
 def make_class(learners: int, stack: FloatArray) -> Class:
-    """Make room for a class.
+    """Allocate a class.
 
     Args:
-        learners: How many learners.
+        learners: Number of learners.
         stack: Scratch from `objective.make_stack`.
 
     Returns:
@@ -73,7 +73,7 @@ def make_class(learners: int, stack: FloatArray) -> Class:
 def _cost(
     p: Problem, lines: Lines, subject: FloatArray, free: int, m: int, bound: float, c: Class
 ) -> float:
-    """J of a learner, or some value above ``bound``; inf where its lines make no path."""
+    """Compute J of a learner, or a value above ``bound``; inf if its lines make no path."""
     p.trials[0] += 1
     turning = decode(p, lines, subject, free, m, c.path)
     if turning < 0.0:
@@ -91,7 +91,7 @@ def _cost(
 
 @njit(cache=True)
 def _offer(p: Problem, lines: Lines, c: Class, k: int, free: int, m: int) -> None:
-    """Greedy acceptance, Eq. 24: the candidate replaces learner k where it is better."""
+    """Accept greedily, Eq. 24: the candidate replaces learner k if it is better."""
     offered = _cost(p, lines, c.candidate, free, m, c.cost[k], c)
     if offered < c.cost[k]:
         c.cost[k] = offered
@@ -106,8 +106,8 @@ def class_mean(subject: FloatArray, free: int, mean: FloatArray) -> None:
 
     Args:
         subject: (learners, MAX_POINTS, 2) the learners' subjects.
-        free: How many lines may move.
-        mean: (MAX_POINTS, 2) takes the mean.
+        free: Number of lines that may move.
+        mean: (MAX_POINTS, 2) receives the mean.
     """
     learners = subject.shape[0]
     for i in range(free):
@@ -121,15 +121,15 @@ def class_mean(subject: FloatArray, free: int, mean: FloatArray) -> None:
 
 @njit(cache=True)
 def teacher_phase(p: Problem, lines: Lines, c: Class, free: int, m: int, state: State) -> None:
-    """Move every learner by r (X_teacher - T_f mean), Eqs. 20-24, and keep what is better.
+    """Move every learner by r (X_teacher - T_f mean), Eqs. 20-24, and keep improvements.
 
     Args:
         p: The problem.
         lines: The coded path.
         c: The class; changed.
-        free: How many lines may move.
-        m: How many waypoints the path has.
-        state: (1,) of the random generator.
+        free: Number of lines that may move.
+        m: Number of waypoints of the path.
+        state: (1,) state of the random generator.
     """
     teacher = c.subject[np.argmin(c.cost)].copy()
     class_mean(c.subject, free, c.mean)
@@ -145,15 +145,15 @@ def teacher_phase(p: Problem, lines: Lines, c: Class, free: int, m: int, state: 
 
 @njit(cache=True)
 def learner_phase(p: Problem, lines: Lines, c: Class, free: int, m: int, state: State) -> None:
-    """Move each learner away from a worse fellow or towards a better one, Eqs. 25 and 24.
+    """Move each learner away from a worse learner or towards a better one, Eqs. 25 and 24.
 
     Args:
         p: The problem.
         lines: The coded path.
         c: The class; changed.
-        free: How many lines may move.
-        m: How many waypoints the path has.
-        state: (1,) of the random generator.
+        free: Number of lines that may move.
+        m: Number of waypoints of the path.
+        state: (1,) state of the random generator.
     """
     learners = c.cost.size
     for k in range(learners):
@@ -170,16 +170,16 @@ def learner_phase(p: Problem, lines: Lines, c: Class, free: int, m: int, state: 
 def move_twins(
     p: Problem, lines: Lines, c: Class, free: int, m: int, alike: float, state: State
 ) -> None:
-    """Move one line of each learner that is as costly as the teacher.
+    """Move one line of each learner that costs the same as the teacher.
 
     Args:
         p: The problem.
         lines: The coded path.
         c: The class; changed.
-        free: How many lines may move.
-        m: How many waypoints the path has.
-        alike: Difference of cost up to which two are as costly, as a share of the teacher's.
-        state: (1,) of the random generator.
+        free: Number of lines that may move.
+        m: Number of waypoints of the path.
+        alike: Difference up to which two costs count as equal, as a share of the teacher's cost.
+        state: (1,) state of the random generator.
     """
     teacher = np.argmin(c.cost)
     for k in range(c.cost.size):
@@ -193,15 +193,15 @@ def move_twins(
 
 @njit(cache=True)
 def draw_class(p: Problem, lines: Lines, c: Class, free: int, m: int, state: State) -> None:
-    """Draw the class: the coded path itself, then its lines moved at random (in place of Eq. 19).
+    """Draw the class: the coded path, then copies with randomly moved lines (replaces Eq. 19).
 
     Args:
         p: The problem.
         lines: The coded path.
         c: The class; overwritten.
-        free: How many lines may move.
-        m: How many waypoints the path has.
-        state: (1,) of the random generator.
+        free: Number of lines that may move.
+        m: Number of waypoints of the path.
+        state: (1,) state of the random generator.
     """
     for k in range(c.cost.size):
         for i in range(free):
@@ -223,23 +223,23 @@ def tlbo(
     budget: int,
     state: State,
 ) -> tuple[int, int]:
-    """Teach a class about a coded path until generations bring no more.
+    """Optimise a class about a coded path until further generations bring no gain.
 
-    A generation is idle if the best cost falls by less than ``tolerance`` of itself.
+    A generation is idle if it lowers the best cost by less than ``tolerance`` of that cost.
 
     Args:
         p: The problem; its trials are counted.
         lines: The coded path.
         c: The class; overwritten.
-        free: How many lines may move.
-        m: How many waypoints the path has.
-        idle_limit: Idle generations in a row that end it.
-        tolerance: See above.
-        budget: Trials that are not exceeded.
-        state: (1,) of the random generator.
+        free: Number of lines that may move.
+        m: Number of waypoints of the path.
+        idle_limit: Number of consecutive idle generations after which it stops.
+        tolerance: Relative gain below which a generation is idle.
+        budget: Upper limit of the trials.
+        state: (1,) state of the random generator.
 
     Returns:
-        Number of the best learner, and how many generations there were.
+        Number of the best learner, and number of generations.
     """
     draw_class(p, lines, c, free, m, state)
     generations = 0

@@ -1,4 +1,4 @@
-"""What is left of the last plan, as seen from where the robot is now."""
+"""Warm start: the part of the previous plan that still lies ahead of the robot."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ _SAME_GOAL_M = 0.05
 def way_ahead(problem: Problem, previous: Plan | None) -> FloatArray | None:
     """Return the part of the previous plan that still lies ahead.
 
-    Whether it is still safe is not checked.
+    It does not check whether that part is still safe.
 
     Args:
-        problem: The problem; its start and goal count.
-        previous: The previous plan, if there is one.
+        problem: The problem; only its start and goal are used.
+        previous: The previous plan; None if there is none.
 
     Returns:
         (m, 2) waypoints from the start to the goal, m; None if there is no previous plan, if it was
