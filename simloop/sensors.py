@@ -333,7 +333,7 @@ class DepthCamera:
         return DepthImage(truth.t_ns, self._perceive(self._axial * ranges), self._focal_px.copy())
 
     def _perceive(self, true_m: FloatArray) -> np.ndarray:
-        """Compute depths (rows, columns), float32, m. Noise grows with depth squared; inf: empty."""
+        """Compute noisy depths (rows, columns), float32, m; inf: empty. Noise grows as depth^2."""
         config = self._config
         depth = true_m + config.noise_1pm * true_m**2 * self._rng.standard_normal(len(true_m))
         lost = self._rng.random(len(true_m)) < config.dropout
