@@ -118,7 +118,7 @@ class Simulation:
             RuntimeError: The simulation has already run.
         """
         if self.plant.t_ns:
-            raise RuntimeError("a simulation runs once: make another for another run")
+            raise RuntimeError("a simulation runs only once: make a new one for another run")
         began = time.perf_counter()
         voltage, truth = np.zeros(2), self.plant.reset(np.array(self.scenario.start))
         self._publish([truth])

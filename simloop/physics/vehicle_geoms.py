@@ -63,7 +63,7 @@ def road_wheels(model: mujoco.MjModel) -> list[int]:
     if len(sides[0]) != len(sides[1]) or len(sides[0]) < 2:
         raise ValueError(
             f"the vehicle has {len(sides[0])} geoms road_left_* and {len(sides[1])} road_right_*; "
-            "each side needs as many road wheels as the other, two or more"
+            "both sides need the same number of road wheels, at least two"
         )
     return sides[0] + sides[1]
 

@@ -120,7 +120,7 @@ def resolve(name_or_path: str | Path) -> Path:
         return path
     if path.suffix or len(path.parts) > 1:
         what = "is a directory, not a scenario file" if path.is_dir() else "no such file"
-        raise InputError(f"{text}: {what}; the scenarios that come along: {', '.join(known)}")
+        raise InputError(f"{text}: {what}; the scenarios of the package: {', '.join(known)}")
     raise InputError(f"unknown scenario '{text}'{did_you_mean(text, known)}")
 
 

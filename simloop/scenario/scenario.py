@@ -106,7 +106,7 @@ class Scenario:
     @model_validator(mode="after")
     def _has_one_floor(self) -> Scenario:
         if self.generator is not None and self.arena != "field":
-            raise reject("generator: draws a world of its own, so leave out arena")
+            raise reject("generator: draws its own world, so leave out arena")
         if self.bounds_m is not None:
             sized = self.arena == "field" or self.arena.endswith(_GAZEBO)
             if not sized or self.generator is not None:

@@ -57,7 +57,7 @@ def arena_path(arena: str | Path) -> Path:
             raise ValueError(f"no arena file {path}")
         return path
     if str(arena) not in arena_names():
-        raise ValueError(f"no arena {str(arena)!r}; there are {', '.join(arena_names())}")
+        raise ValueError(f"unknown arena {str(arena)!r}; the arenas are {', '.join(arena_names())}")
     return models_dir() / "arenas" / f"{arena}.xml"
 
 
@@ -275,7 +275,7 @@ def _check_arena(world: mujoco.MjSpec) -> None:
         if joint.name not in joints:
             _check_loose(joint)
     if any(body.mocap for body in world.bodies):
-        raise ValueError("an arena has no mocap bodies: what moves belongs in [[movers]]")
+        raise ValueError("an arena must not have mocap bodies: use [[movers]]")
     if world.geom("floor") is None:
         raise ValueError("the arena has no geom named 'floor'")
     for geom in world.geoms:
@@ -294,7 +294,7 @@ def _check_loose(joint: mujoco.MjsJoint) -> None:
     free = joint.type == mujoco.mjtJoint.mjJNT_FREE
     if not free or not all(name.startswith(("loose_", "obstacle_")) for name in names):
         raise ValueError(
-            f"an arena must stand still, but this one has a joint ({joint.name or 'no name'}): "
+            f"an arena must be static, but this one has a joint ({joint.name or 'no name'}): "
             "only bodies on free joints may move; name them and their geoms loose_* or obstacle_*"
         )
 

@@ -42,7 +42,7 @@ def read_sdf(file: Path, bounds: Bounds | None = None) -> Layout:
     if bounds is None:
         outlines = [s for one in obstacles for s in one.sections()]
         if not outlines:
-            raise InputError(f"{file}: nothing stands in this world; give bounds_m")
+            raise InputError(f"{file}: the world has no obstacles; give bounds_m")
         low = np.min([s.vertices_m.min(axis=0) - s.radius_m for s in outlines], axis=0) - _ROOM_M
         high = np.max([s.vertices_m.max(axis=0) + s.radius_m for s in outlines], axis=0) + _ROOM_M
         bounds = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
@@ -56,7 +56,7 @@ def _parse(file: Path) -> Xml.Element:
     except OSError as error:
         raise InputError(f"{file}: {error.strerror}") from None
     if len(data) > _MOST_BYTES or b"<!ENTITY" in data or b"<!DOCTYPE" in data:
-        raise InputError(f"{file}: too large, or defines entities of its own")
+        raise InputError(f"{file}: too large, or defines its own entities")
     try:
         root = Xml.fromstring(data)
     except (Xml.ParseError, ValueError, LookupError) as error:
