@@ -111,7 +111,7 @@ class SeparationConfig:
         stands_mps: A slower mover is assumed to stand, m/s.
         stale_s: Age of the tracks after which the robot stops, s.
         horizon_s: Time over which encounters are predicted, s.
-        threat_m: Predicted distance below which an evasive motion is searched, m.
+        threat_m: Predicted distance below which the robot looks for an evasive motion, m.
         worth_m: Distance that an evasive motion must gain over standing, m.
         comfort_m: Predicted distance that is large enough, m. Of the motions that keep it, the one
             nearest to the requested motion is selected.

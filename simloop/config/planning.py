@@ -32,8 +32,8 @@ class PlannerConfig:
         idle_generations: Generations without improvement that end the search.
         max_evaluations: Evaluations that end the search.
         safe_distance_m: Clearance that the path keeps, m.
-        squeeze_m: Part of it that may be given up where this avoids a long detour, m.
-        prefer_m: Clearance that a wider path has in addition, m.
+        squeeze_m: Part of safe_distance_m that may be given up to avoid a long detour, m.
+        prefer_m: Clearance of a wider path in addition to safe_distance_m, m.
         prefer_share: A wider path is selected if its J is at most this share larger.
         precise: Whether to search longer than a frame of the loop allows.
         latency: Model of the planning time: ``latency_s`` for each plan, or ``per_evaluation``.

@@ -20,7 +20,7 @@ class WorldView(BaseMessage):
     `simloop.geometry.distance_field`): a wall that reaches the border continues outside.
     `navigation.planner_world.with_free_rim` adds free space around the grid if no path is left
     otherwise. The check whether a goal can be reached at all (`navigation.feasibility`) treats
-    them as free. All users treat unknown cells inside the grid as free.
+    places outside as free. All users treat unknown cells inside the grid as free.
 
     Attributes:
         t_ns: Simulated time, ns.

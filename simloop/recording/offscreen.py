@@ -29,7 +29,7 @@ class OffscreenScene:
     """Renders an arena with its vehicle off screen. A context manager that holds OpenGL."""
 
     def __init__(self, model: mujoco.MjModel, size_px: tuple[int, int]) -> None:
-        """Prepare. The ``with`` statement opens OpenGL, and may raise NoOpenGLError.
+        """Store the settings. The ``with`` statement opens OpenGL and may raise NoOpenGLError.
 
         Args:
             model: The compiled model.

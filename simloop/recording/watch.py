@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def watch(scenario: Scenario, world: World, outputs: Outputs) -> Iterator[Watch]:
-    """Watch one run: give its ``listeners`` to the simulation. The end of the context finishes all.
+    """Watch one run: its ``listeners`` go to the simulation. Leaving the context closes the files.
 
     If the body raises, the recording is closed as it is, and no picture is drawn. Example:
 

@@ -58,7 +58,7 @@ class Obstacle:
         if self.shape == "ell" and self.size_m[2] >= min(self.size_m[:2]):
             raise ValueError("an ell's thickness must be less than its length and width")
         if (self.shape == "polygon") != bool(self.vertices_m):
-            raise ValueError("vertices_m: a polygon needs them, and no other shape has them")
+            raise ValueError("vertices_m: required for a polygon, not allowed for any other shape")
         if self.shape == "polygon" and not _is_convex(np.array(self.vertices_m)):
             raise ValueError("vertices_m must be the corners of a convex polygon, in order")
         return self

@@ -96,7 +96,7 @@ class HeightField:
         if (self.image is None) == (self.rms_m is None):
             raise ValueError("give either image and height_m, or rms_m")
         if (self.image is None) != (self.height_m is None):
-            raise ValueError("image and height_m go together")
+            raise ValueError("image and height_m must be given together")
         if max(self.shape()) > 1001:
             raise ValueError("more than 1001 cells along a side: choose a larger cell_m")
         if self.rms_m is not None and self.correlation_m > _MOST_CORRELATED * self.cell_m:

@@ -19,7 +19,7 @@ from simloop.worlds.obstacles import Obstacle
 _TRIALS = 200  # worlds drawn before the generator gives up
 _RASTER_M = 0.025
 _SLACK_M = 0.02  # room beside the robot in addition to half its width
-_TURNING_ROOM_M = 0.08  # room at start and goal in addition to the turning radius
+_TURNING_ROOM_M = 0.08  # room that barn and forest leave at the ends beside the turning radius
 Metres = Annotated[float, Field(gt=0.0, le=100.0)]
 
 

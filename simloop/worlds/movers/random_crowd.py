@@ -13,7 +13,7 @@ from simloop.worlds.floor_plan import FloorPlan, distance_to_bounds
 from simloop.worlds.movers.settings import Crowd, Mover
 
 _TRIALS = 500
-_APART_M = 0.1  # least distance of a mover from obstacles and other movers at the start
+_APART_M = 0.1  # least distance of a mover from obstacles, and from other movers at the start
 _CORNERS = 4  # number of corners of a closed path
 
 

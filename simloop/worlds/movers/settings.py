@@ -66,7 +66,7 @@ class Mover:
     def _has_a_place(self) -> Mover:
         on_path, has_place = self.motion == "path", self.position_m is not None
         if on_path != bool(self.keys_txy) or on_path == has_place:
-            raise ValueError("a path needs keys_txy, any other motion a position_m")
+            raise ValueError("a path needs keys_txy; any other motion needs position_m")
         if self.keys_txy:
             check_keys(self.keys_txy)
         return self
@@ -138,7 +138,7 @@ class GoalMotion:
     @model_validator(mode="after")
     def _has_keys(self) -> GoalMotion:
         if (self.motion == "path") != bool(self.keys_txy):
-            raise ValueError("keys_txy: a path needs them, and no other motion has them")
+            raise ValueError("keys_txy: required for a path, not allowed for any other motion")
         if self.keys_txy:
             check_keys(self.keys_txy)
         return self
