@@ -2,7 +2,7 @@
 
     python scripts/barn.py --worlds barn_dev.json.gz --seeds 4 --workers 2 --json barn.json
 
-The rules are those of the challenge: the clock starts when the robot has moved 0.1 m. The run
+The rules are those of the challenge. The clock starts when the robot has moved 0.1 m. The run
 succeeds within 1 m of the goal. It fails at any contact, and after 100 s.
 """
 
@@ -37,11 +37,11 @@ from simloop.truth import Truth
 from simloop.worlds.gazebo_world import read_sdf
 
 _MOVED_M, _NEAR_M, _LIMIT_S = 0.1, 1.0, 100.0
-_TOP_MPS = 0.47  # this robot's top speed
+_TOP_MPS = 0.47  # top speed of this robot
 _SCORE_MPS = 2.0  # the challenge's speed for the best time
 _HEIGHT_M = 0.6
 _START, _GOAL = (-2.25, 3.0, 0.5 * math.pi), (-2.25, 13.0)
-_RASTER_ORIGIN = np.array([-4.575, 5.075])  # of the cells of the organisers' paths, m
+_RASTER_ORIGIN = np.array([-4.575, 5.075])  # origin of the cells of the organisers' paths, m
 _DISC_M = 0.25  # radius of a disc as wide as the robot
 
 
@@ -73,7 +73,7 @@ class Run:
     Attributes:
         world: Name of the world.
         seed: Seed of the run.
-        outcome: reached, collision or timeout; or the robot's own reason for giving up.
+        outcome: reached, collision or timeout, or the robot's own reason for giving up.
         time_s: Time on BARN's clock, s.
         score: The challenge's score, 0 to 0.5.
         time_over_limit: ``time_s`` over the time for the organisers' path at top speed.
@@ -88,10 +88,10 @@ class Run:
 
 
 class Referee:
-    """Judges a run by BARN's rules from the true states; the first event counts.
+    """Judges a run by BARN's rules from the true states. Only the first event counts.
 
     Attributes:
-        outcome: reached, collision, timeout; empty as long as the run goes on.
+        outcome: reached, collision or timeout; empty while the run continues.
         time_s: Time on BARN's clock, s.
     """
 
@@ -105,7 +105,7 @@ class Referee:
         """Judge one message.
 
         Args:
-            message: Any message of the loop; only a `Truth` counts.
+            message: Any message of the loop; only a `Truth` is used.
         """
         if not isinstance(message, Truth) or self.outcome:
             return
@@ -118,7 +118,7 @@ class Referee:
             self.outcome = "collision"
         elif math.dist(place, self._course.goal) <= _NEAR_M:
             self.outcome = "reached"
-        # A robot that never starts the clock must end too: after twice the time.
+        # A robot that never starts the clock must also end: after twice the time limit.
         elif self.time_s >= _LIMIT_S or message.t_ns >= 2e9 * _LIMIT_S:
             self.outcome = "timeout"
 
@@ -161,8 +161,8 @@ def read_folder(folder: Path) -> dict[str, Course]:
     """Read BARN's Gazebo worlds.
 
     Args:
-        folder: Holds files world_N.world and, optionally, the organisers' paths path_N.npy. Without
-            them the length of the shortest path for this robot is used.
+        folder: Folder with files world_N.world and, optionally, the organisers' paths path_N.npy.
+            Without these, the length of the shortest path for this robot is used.
 
     Returns:
         N -> world, ascending.
@@ -177,7 +177,7 @@ def read_folder(folder: Path) -> dict[str, Course]:
 
 
 def _from_gazebo(name: str, file: Path) -> Course:
-    """A world from Gazebo's format; InputError if it is not one of BARN's."""
+    """Read a world in Gazebo's format. InputError if it is not a BARN world."""
     obstacles = read_sdf(file).obstacles
     if any(one.shape != "cylinder" for one in obstacles) or not obstacles:
         raise InputError(f"{file}: a BARN world consists of cylinders only")
@@ -190,10 +190,10 @@ def _from_gazebo(name: str, file: Path) -> Course:
 
 
 def _path_length(course: Course, file: Path) -> float:
-    """Length of the organisers' path, m.
+    """Compute the length of the organisers' path, m.
 
-    Their file holds cells of a raster; start and goal are added. Without a file it is the length of
-    the shortest path of a disc as wide as the robot.
+    Their file holds cells of a raster; start and goal are added. Without a file, it is the length
+    of the shortest path of a disc as wide as the robot.
     """
     ends = np.array([course.start[:2], course.goal])
     if file.exists():
@@ -250,12 +250,12 @@ def scenario_of(course: Course, overrides: Sequence[str], seed: int) -> Scenario
 
 @lru_cache(maxsize=4)
 def _world(course: Course, overrides: tuple[str, ...]) -> World:
-    """The compiled world, kept for the other seeds of the same course."""
+    """Build the world, and keep it for the other seeds of the same course."""
     return build_world(scenario_of(course, overrides, 0))
 
 
 def run_one(course: Course, overrides: tuple[str, ...], seed: int) -> Run:
-    """Run a world once; the result is the same in any process.
+    """Run a world once. The result is the same in any process.
 
     Args:
         course: The world.
@@ -263,7 +263,7 @@ def run_one(course: Course, overrides: tuple[str, ...], seed: int) -> Run:
         seed: Seed of the run.
 
     Returns:
-        How the run ended.
+        The result of the run.
     """
     referee = Referee(course)
     scenario = scenario_of(course, overrides, seed)
@@ -273,7 +273,7 @@ def run_one(course: Course, overrides: tuple[str, ...], seed: int) -> Run:
     limit_s = course.path_length_m / _TOP_MPS
     score = 0.0
     if outcome == "reached":
-        # The challenge rates the time between two and eight times the best.
+        # The challenge limits the time to between two and eight times the best time.
         best_s = course.path_length_m / _SCORE_MPS
         score = best_s / float(np.clip(referee.time_s, 2.0 * best_s, 8.0 * best_s))
     return Run(course.name, seed, outcome, referee.time_s, score, referee.time_s / limit_s)
@@ -286,7 +286,7 @@ def figures(runs: Sequence[Run]) -> dict[str, Any]:
         runs: At least one run.
 
     Returns:
-        Rates over all runs, mean times over those that arrived, and the runs of each world.
+        Rates over all runs, mean times over the runs that arrived, and the runs of each world.
     """
     arrived = [run for run in runs if run.outcome == "reached"]
 
@@ -311,7 +311,7 @@ def figures(runs: Sequence[Run]) -> dict[str, Any]:
 
 
 def _mean(values: Sequence[float]) -> float | None:
-    """Mean of the values; None if there are none."""
+    """Compute the mean of the values; None if there are none."""
     return float(np.mean(values)) if values else None
 
 
@@ -322,9 +322,9 @@ def run_all(
 
     Args:
         courses: The worlds.
-        seeds: Runs of each world, with the seeds from 0 on.
+        seeds: Number of runs of each world, with the seeds from 0 on.
         overrides: Settings as ``key=value``.
-        pool: Where the runs are executed.
+        pool: Executor of the runs.
 
     Yields:
         The runs, world by world and by seed.
@@ -349,9 +349,9 @@ def main(
     Args:
         worlds: A JSON file, plain or gzipped, or a folder of world_N.world.
         indices: Names of the worlds to run; None: all.
-        seeds: Runs of each world, with the seeds from 0 on.
+        seeds: Number of runs of each world, with the seeds from 0 on.
         workers: Number of processes.
-        json_file: Where to write the figures; None: nowhere.
+        json_file: File for the results; None: no file.
         overrides: Settings as ``key=value``.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Measure the speed of the closed loop; the same as ``simloop bench loop``."""
+"""Measure the speed of the closed loop, as ``simloop bench loop`` does."""
 
 from __future__ import annotations
 

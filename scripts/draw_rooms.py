@@ -1,4 +1,4 @@
-"""Draw the rooms of the code: packages in the layers of the import rules, and who imports whom.
+"""Draw the structure of the code: packages in the layers of the import rules, and their imports.
 
     python scripts/draw_rooms.py            # writes docs/images/rooms.png
 
@@ -43,7 +43,7 @@ def layers() -> list[list[str]]:
     """Read the layers of the import rules.
 
     Returns:
-        The rooms of each layer, top layer first.
+        The rooms (packages and modules) of each layer, top layer first.
     """
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     contracts = settings["tool"]["importlinter"]["contracts"]
@@ -52,13 +52,13 @@ def layers() -> list[list[str]]:
 
 
 def arrows(rooms: set[str]) -> dict[tuple[str, str], int]:
-    """Count the imports between rooms, without those of what all share.
+    """Count the imports between rooms, except imports of the shared packages.
 
     Args:
-        rooms: Names of packages and front doors.
+        rooms: Names of packages and of top-level modules.
 
     Returns:
-        Importer and imported room, with the number of imports.
+        (importer, imported) -> number of imports.
     """
     graph = grimp.build_graph("simloop", cache_dir=None)
     found: dict[tuple[str, str], int] = {}
@@ -77,7 +77,7 @@ def colour_of(room: str) -> str:
         room: Its name.
 
     Returns:
-        The colour of the robot's side, of the simulator's side, or of what both share.
+        The colour of the robot's side, of the simulator's side, or of the shared packages.
     """
     if room in SHARED:
         return SHARED_COLOUR

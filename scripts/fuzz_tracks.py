@@ -1,4 +1,4 @@
-"""Drop random vehicles on random ground, drive them at random, and report what fails.
+"""Drop random vehicles on random ground, drive them randomly, and report the failures.
 
     python scripts/fuzz_tracks.py [--steps 1000000] [--seed 0]
 
@@ -14,7 +14,7 @@ from simloop.certify.fuzz import episodes
 
 
 def main() -> int:
-    """Run the episodes and print what failed.
+    """Run the episodes and print the failures.
 
     Returns:
         The exit code.

@@ -1,6 +1,6 @@
 """Write the visual meshes of models/tracked_ugv.xml: belt, wheels, sprocket, hull.
 
-Run it after a change of a measure here. The meshes have no mass and no contacts.
+Run it after a change of a size in this file. The meshes have no mass and no contacts.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-Faces = list[Array]  # each (3 or 4, 3), counter-clockwise seen from outside
+Faces = list[Array]  # each (3 or 4, 3), counter-clockwise when seen from outside
 
 ASSETS = Path(__file__).resolve().parent.parent / "models" / "assets"
 ROAD_X_M = np.linspace(-0.2075, 0.2075, 6)
 END_Z_M = 0.088
-TIP_M, PLATE_M, INNER_M = 0.037, 0.034, 0.029  # a link's grouser, plate and inner face
+TIP_M, PLATE_M, INNER_M = 0.037, 0.034, 0.029  # radii of a link's grouser, plate and inner face
 BELT_HALF_WIDTH_M = 0.0375
 LINKS = 46
 
@@ -45,12 +45,12 @@ def prism(outline: Array, low: float, high: float) -> Faces:
 
 
 def lathe(profile: Sequence[tuple[float, float]], centre: tuple[float, float], count: int) -> Faces:
-    """Turn a profile about an axis parallel to y.
+    """Rotate a profile about an axis parallel to y.
 
     Args:
         profile: points (radius, y), m.
         centre: x and z of the axis, m.
-        count: faces around.
+        count: number of faces around the axis.
 
     Returns:
         The faces.
@@ -70,7 +70,7 @@ def lathe(profile: Sequence[tuple[float, float]], centre: tuple[float, float], c
 
 
 def belt_path(count: int) -> tuple[Array, Array]:
-    """Points evenly along the belt's centre line.
+    """Compute evenly spaced points along the belt's centre line.
 
     Args:
         count: number of points.
@@ -95,7 +95,7 @@ def belt_path(count: int) -> tuple[Array, Array]:
 
 
 def belt() -> Faces:
-    """Build the belt: links round the wheels, each a plate with a grouser across it.
+    """Build the belt: links around the wheels, each a plate with a grouser across it.
 
     Returns:
         The faces.
@@ -201,11 +201,11 @@ def counter_clockwise(outline: Array) -> Array:
 
 
 def write(name: str, faces: Faces) -> None:
-    """Write an OBJ file with flat normals: every face has vertices of its own.
+    """Write an OBJ file with flat normals. Each face has its own vertices.
 
     Args:
-        name: of the file in models/assets, without ending.
-        faces: what to write; faces without area are left out.
+        name: name of the file in models/assets, without extension.
+        faces: the faces to write; faces without area are left out.
     """
     lines = [f"# {name}: written by scripts/make_vehicle_meshes.py"]
     normals, indices, count = [], [], 0

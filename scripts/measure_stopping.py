@@ -2,8 +2,8 @@
 
     python scripts/measure_stopping.py
 
-The robot stops from a steady motion in the simulated plant, by the motor control of a run. The exit
-code is 0 if it never goes further than the monitor assumes.
+The robot stops from a steady motion in the simulated plant, with the motor control of a run. The
+exit code is 0 if it never goes farther than the monitor assumes.
 """
 
 from __future__ import annotations
@@ -36,27 +36,27 @@ def stop(speed: float, rate: float, friction: float, silent: bool = False) -> Fl
     """Stop the robot once.
 
     Args:
-        speed: steady speed before, m/s.
-        rate: steady yaw rate before, rad/s.
-        friction: of the ground.
-        silent: whether the encoders give no counts in the last 0.3 s before.
+        speed: steady speed before the stop, m/s.
+        rate: steady yaw rate before the stop, rad/s.
+        friction: coefficient of friction of the ground.
+        silent: whether the encoders give no counts in the last 0.3 s before the stop.
 
     Returns:
-        (4,) speed, m/s, and yaw rate, rad/s, at the command to stop; way, m, and turn, rad, since.
+        (4,) speed, m/s, and yaw rate, rad/s, at the stop command; then distance, m, and turn, rad.
     """
     scenario = load("open", [f"tracks.friction={friction}"])
     config = scenario.config
     plant = Plant(build_world(scenario).model, config)
     truth, period = plant.reset(np.array([0.0, 0.0, 0.0])), config.rates.control_s
     drive = Drive(config.drive, config.motor, config.encoder, config.vehicle, period)
-    # The filter is left out: the motor loops get the gauge ratio that it would learn.
+    # The filter is left out: the motor control gets the gauge ratio that it would learn.
     encoders, state = Encoders(config.encoder), np.zeros(9)
     state[GAUGE] = _GAUGE_RATIO
     heard: EncoderReading = encoders.read(truth)
     ticks, at = round(_STEADY_S / period), None
     way = turn = 0.0
     for tick in range(ticks + round(_STOP_S / period)):
-        # A soft start, then the command to stop.
+        # First a soft start, then the command to stop.
         part = min(1.0, 4.0 * tick / ticks) if tick < ticks else 0.0
         fresh = encoders.read(truth)
         heard = heard if silent and ticks - 0.3 / period < tick else fresh
@@ -73,14 +73,14 @@ def stop(speed: float, rate: float, friction: float, silent: bool = False) -> Fl
 
 
 def assumed(speed: float, rate: float) -> tuple[float, float]:
-    """What the collision monitor assumes of a stop.
+    """Compute the stop that the collision monitor assumes.
 
     Args:
-        speed: before, m/s.
-        rate: yaw rate before, rad/s.
+        speed: speed before the stop, m/s.
+        rate: yaw rate before the stop, rad/s.
 
     Returns:
-        Way, m, and turn, rad.
+        Distance, m, and turn, rad.
     """
     config = load("open").config
     drive, reaction_s = config.drive, config.monitor.reaction_s

@@ -21,11 +21,11 @@ GAUGE_M, LENGTH_M, MODULUS_M = 0.39, 0.415, 0.001
 
 
 def checks(family: str, start: str) -> list[tuple[float, Check]]:
-    """Do the checks of a family, and pick those whose names are a start and a number.
+    """Run the checks of a family, and select those whose names are a prefix and a number.
 
     Args:
-        family: its name in the certificate.
-        start: how the names begin.
+        family: name of the family in the certificate.
+        start: prefix of the names.
 
     Returns:
         The numbers with their checks.
@@ -39,11 +39,11 @@ def checks(family: str, start: str) -> list[tuple[float, Check]]:
 
 
 def save(axes: matplotlib.axes.Axes, name: str) -> None:
-    """Write one figure, the same bytes each time.
+    """Write one figure. The file has the same bytes each time.
 
     Args:
         axes: the figure's axes.
-        name: of the file, without ending.
+        name: name of the file, without extension.
     """
     axes.grid(alpha=0.3)
     axes.legend(frameon=False)
@@ -52,10 +52,10 @@ def save(axes: matplotlib.axes.Axes, name: str) -> None:
 
 
 def spin(axes: matplotlib.axes.Axes) -> None:
-    """Draw the spin ratio over L/B, and that of MuJoCo's own friction.
+    """Draw the spin ratio over L/B, with that of MuJoCo's own friction.
 
     Args:
-        axes: to draw on.
+        axes: the axes to draw on.
     """
     ratios = np.linspace(0.6, 2.6, 80)
     closed = [turning_theory.spin_ratio(ratio * GAUGE_M, GAUGE_M) for ratio in ratios]
@@ -72,7 +72,7 @@ def slip(axes: matplotlib.axes.Axes) -> None:
     """Draw the pull over the slip.
 
     Args:
-        axes: to draw on.
+        axes: the axes to draw on.
     """
     slips = np.geomspace(3e-4, 1, 100)
     closed = [theory.drawbar_ratio(i, LENGTH_M, MODULUS_M) for i in slips]
@@ -94,7 +94,7 @@ def turn(axes: matplotlib.axes.Axes) -> None:
     """Draw the yaw rate of steady turns.
 
     Args:
-        axes: to draw on.
+        axes: the axes to draw on.
     """
     points = [(x, c) for x, c in checks("turn", "inner/outer ") if "yaw" in c.name]
     axes.plot([x for x, _ in points], [c.expected for _, c in points], "k-", lw=1, label="theory")

@@ -1,7 +1,7 @@
-"""Make sure that images can be rendered without a display, which needs EGL or OSMesa.
+"""Make sure that images can be rendered without a display. This needs EGL or OSMesa.
 
 If neither is installed, this script installs Debian's packages as root, or prints the command. It
-needs the standard library only. It never fails, because a run is complete without images.
+needs only the standard library. It never fails, because a run is complete without images.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ PACKAGES = ("libegl1", "libgl1", "libgl1-mesa-dri", "libosmesa6")
 
 
 def loads(library: str) -> bool:
-    """Whether the dynamic loader finds a library.
+    """Tell whether the dynamic loader finds a library.
 
     Args:
         library: its file name.
@@ -32,7 +32,7 @@ def loads(library: str) -> bool:
 
 
 def can_render() -> bool:
-    """Whether MuJoCo has an offscreen back end.
+    """Tell whether MuJoCo has an offscreen back end.
 
     Returns:
         True with EGL or OSMesa.
@@ -51,7 +51,7 @@ def install() -> None:
 
 
 def main() -> None:
-    """Install what is missing, or say how."""
+    """Install the missing packages, or print the command for it."""
     if sys.platform != "linux" or can_render():
         return
     if shutil.which("apt-get") and os.geteuid() == 0:

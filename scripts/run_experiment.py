@@ -1,4 +1,4 @@
-"""Runs and records the paper's experiment, as ``simloop run experiment --out runs/demo``."""
+"""Run and record the paper's experiment, as ``simloop run experiment --out runs/demo``."""
 
 from __future__ import annotations
 

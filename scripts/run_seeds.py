@@ -1,8 +1,8 @@
-"""Runs many seeds of one scenario and sums up success, time, clearance and accuracy.
+"""Run many seeds of one scenario and summarise success, time, clearance and accuracy.
 
     python scripts/run_seeds.py experiment --seeds 0:50 --workers 2 --json seeds.json
 
-Exit code 0 if every run reached its goal without a contact, 1 if not, 2 for a wrong input.
+The exit code is 0 if every run reached its goal without a contact, 1 if not, 2 for a wrong input.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def run_one(job: tuple[str, list[str], int]) -> dict[str, Any]:
         job: Scenario, overrides and seed.
 
     Returns:
-        The figures of the run, with ``path_ratio`` and ``yaw_deg`` added. For a seed that cannot
+        The metrics of the run, with ``path_ratio`` and ``yaw_deg`` added. For a seed that cannot
         be run, ``outcome`` is the error.
     """
     name, overrides, seed = job
@@ -48,13 +48,13 @@ def run_one(job: tuple[str, list[str], int]) -> dict[str, Any]:
 
 
 def summarise(runs: list[dict[str, Any]]) -> str:
-    """Sum up many runs as text.
+    """Summarise many runs as text.
 
     Args:
-        runs: The figures of each run.
+        runs: The metrics of each run.
 
     Returns:
-        Counts and failed seeds, then mean, least and greatest figures of the runs that arrived.
+        Counts and failed seeds; then mean, least and greatest values of the runs that arrived.
     """
     reached = [run for run in runs if run["outcome"] == Outcome.REACHED]
     contacts = sum(run["contact_count"] for run in runs)

@@ -1,4 +1,4 @@
-"""The closed loop: plant, sensors, robot and referee in lockstep, reproducible from one seed."""
+"""The closed loop: plant, sensors, robot and referee in lockstep. One seed reproduces a run."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ _WARM_UP_S = 0.5
 _PROGRESS_PERIODS = 20
 
 Listener = Callable[[Published], None]
-"""Takes every message of a run. Messages are read-only, so a listener cannot change the run."""
+"""Receives every message of a run. Messages are read-only, so a listener cannot change the run."""
 Progress = Callable[[float, float], bool]
-"""Takes simulated time, s, and distance to go, m; returns False to stop the run."""
+"""Receives simulated time, s, and distance to go, m. Returns False to stop the run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ class RunResult:
 
     Attributes:
         outcome: The referee's decision.
-        metrics: The figures of the run, as ``simloop run --json`` writes them.
+        metrics: The metrics of the run, as ``simloop run --json`` writes them.
     """
 
     outcome: Outcome
@@ -61,7 +61,7 @@ class Simulation:
         world: The built world.
         plant: The simulated vehicle in its world.
         robot: The robot's software.
-        metrics: Collects the figures of the run.
+        metrics: Collects the metrics of the run.
         profiler: Wall times of the stages.
     """
 
@@ -72,13 +72,13 @@ class Simulation:
         profiler: Profiler | None = None,
         world: World | None = None,
     ) -> None:
-        """Build everything that the run needs.
+        """Build all parts of the run.
 
         Args:
-            scenario: What is run.
-            listeners: Are called with every message, in order.
-            profiler: Takes the wall times of the stages.
-            world: The scenario's world, if it is built already.
+            scenario: The scenario to run.
+            listeners: Called with every message, in order.
+            profiler: Records the wall times of the stages.
+            world: The scenario's world, if it is already built.
 
         Raises:
             InputError: The scenario cannot be run.
@@ -112,13 +112,13 @@ class Simulation:
             progress: Called every 20 control periods.
 
         Returns:
-            The outcome and the figures.
+            The outcome and the metrics.
 
         Raises:
-            RuntimeError: The simulation ran before.
+            RuntimeError: The simulation has already run.
         """
         if self.plant.t_ns:
-            raise RuntimeError("a simulation runs once: make another for another run")
+            raise RuntimeError("a simulation runs only once: make a new one for another run")
         began = time.perf_counter()
         voltage, truth = np.zeros(2), self.plant.reset(np.array(self.scenario.start))
         self._publish([truth])
@@ -136,7 +136,7 @@ class Simulation:
         return self._result(outcome, time.perf_counter() - began)
 
     def _messages(self, truth: Truth, readings: Readings, command: TrackCommand) -> list[Published]:
-        """Everything that one control period brought, in the order in which listeners get it."""
+        """Collect the messages of one control period in the order in which listeners get them."""
         messages: list[Published] = [truth, readings.encoders, readings.imu]
         seldom = (readings.goal, readings.image, readings.scan)
         messages += [reading for reading in seldom if reading is not None]
@@ -152,7 +152,7 @@ class Simulation:
                 listener(message)
 
     def _interruption(self, truth: Truth, progress: Progress | None) -> Outcome | None:
-        """Report progress, if it is due, and ask whether to stop."""
+        """Report progress, if it is due, and check whether to stop."""
         if progress is None or truth.t_ns % self._progress_ns:
             return None
         to_go_m = distance_to_go_m(truth, self._goal.position_m)
@@ -171,7 +171,7 @@ class Simulation:
 
 @contextmanager
 def _no_garbage_collection() -> Iterator[None]:
-    """Pause Python's cycle collector: the loop makes no cycles, and pauses would be jitter."""
+    """Pause Python's cycle collector: the loop makes no cycles, and a pause would be jitter."""
     was_on = gc.isenabled()
     gc.disable()
     try:
@@ -185,13 +185,13 @@ def warm_up(scenario: Scenario, world: World, report: Report = silent) -> int:
     """Run half a simulated second and discard it, so that every stage's kernels are compiled.
 
     Args:
-        scenario: What is to be run afterwards.
+        scenario: The scenario to run afterwards.
         world: The scenario's world.
         report: Called with a kernel's name and its number just before it is compiled. It is not
             called if all kernels come from the cache.
 
     Returns:
-        How many kernels were compiled.
+        The number of compiled kernels.
     """
     with listening(report) as listener:
         Simulation(replace(scenario, time_limit_s=_WARM_UP_S), world=world).run()

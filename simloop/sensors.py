@@ -1,8 +1,8 @@
-"""The simulated sensors: they turn the ground truth into what the real parts would measure.
+"""The simulated sensors: turn the ground truth into what the real sensors would measure.
 
-There are encoders, an IMU like the MPU-9250, a LiDAR that turns while the robot moves, and a depth
-camera. Each sensor has a random generator of its own, so that one sensor's settings do not change
-another's noise.
+There are encoders, an IMU like the MPU-9250, a rotating LiDAR whose beams are cast while the robot
+moves, and a depth camera. Each sensor has its own random generator, so one sensor's settings do not
+change another's noise.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from simloop.messages import (
 from simloop.truth import RayCaster, RayFan, Truth
 
 _TURN = 2.0 * math.pi
-_DRAWS = 100  # IMU readings whose noise is drawn in one go
+_DRAWS = 100  # IMU readings whose noise is drawn at once
 
 
 class Encoders:
@@ -36,7 +36,7 @@ class Encoders:
         """Set the resolution.
 
         Args:
-            config: counts a turn of the sprocket.
+            config: number of counts in one turn of the sprocket.
         """
         self._counts_per_rad = config.counts_per_turn / _TURN
 
@@ -55,19 +55,19 @@ class Encoders:
 
 
 class Imu:
-    """Gyro and accelerometer with white noise and a bias that walks at random."""
+    """Gyro and accelerometer with white noise and a random-walk bias."""
 
     def __init__(self, config: ImuConfig, period_s: float, rng: np.random.Generator) -> None:
         """Draw the initial bias.
 
         Args:
-            config: noise densities and sizes of the biases.
+            config: noise densities and biases.
             period_s: time between two readings, s.
-            rng: draws the noise and the biases.
+            rng: random generator of the noise and the biases.
         """
         self._rng = rng
-        # A density in units/sqrt(Hz), averaged over a period T, leaves noise of density / sqrt(T).
-        # A random walk in units/sqrt(s) takes steps of that times sqrt(T).
+        # White noise of density d in units/sqrt(Hz), averaged over a period T, has a standard
+        # deviation of d / sqrt(T). A random walk w in units/sqrt(s) has steps of w sqrt(T).
         white, walk = 1.0 / math.sqrt(period_s), math.sqrt(period_s)
 
         def six(gyro: float, accel: float) -> FloatArray:
@@ -104,7 +104,7 @@ class Imu:
         )
 
     def _draw(self) -> None:
-        """Draw the errors of many readings at once, which costs less than one by one."""
+        """Draw the errors of many readings at once. This costs less than drawing one by one."""
         drawn = self._rng.standard_normal((_DRAWS, 2, 6))
         self._biases = np.cumsum(
             np.concatenate((self.bias[None], self._steps * drawn[:, 0])), axis=0
@@ -114,12 +114,12 @@ class Imu:
 
 
 class _Part(NamedTuple):
-    """The beams of a turn that fall into one control period, as views into the turn's arrays.
+    """The beams of a turn that belong to one control period, as views into the turn's arrays.
 
     Attributes:
-        since_ns: the period's start, since the turn's start.
+        since_ns: start of the period, counted from the turn's start.
         last: number of the first beam after the period.
-        fractions: (n,) of the period at each beam, 0 to 1.
+        fractions: (n,) fraction of the period at each beam, 0 to 1.
         angles: (n,) in the laser frame, rad.
         origins: (n, 3) in the world, m.
         directions: (n, 3) unit vectors in the world.
@@ -136,7 +136,7 @@ class _Part(NamedTuple):
 
 
 class Lidar:
-    """A turning laser, whose beams are cast from where the vehicle is at each beam's instant."""
+    """A rotating laser. Each beam is cast from the vehicle's pose at the beam's instant."""
 
     def __init__(
         self,
@@ -145,13 +145,13 @@ class Lidar:
         base_from_laser: FloatArray,
         rng: np.random.Generator,
     ) -> None:
-        """Set out the beams of a turn.
+        """Compute the angles and times of a turn's beams.
 
         Args:
-            config: number of beams, reach and noise.
+            config: number of beams, range and noise.
             period_s: time of one turn, s.
-            base_from_laser: (3,) the laser's place in base_link, m; its axes are base_link's.
-            rng: draws the noise and the drop-outs.
+            base_from_laser: (3,) position of the laser in base_link, m; its axes are base_link's.
+            rng: random generator of the noise and the drop-outs.
         """
         self._config, self._rng = config, rng
         self._mount = np.ascontiguousarray(base_from_laser)
@@ -172,10 +172,10 @@ class Lidar:
         Args:
             before: the robot's state one control period ago.
             now: its state now.
-            world: what the beams meet.
+            world: the world that the beams hit.
 
         Returns:
-            The scan if its turn ends now, otherwise None.
+            The scan if its turn ends now, else None.
         """
         start_ns = before.t_ns - before.t_ns % self._period_ns
         part = self._part(before.t_ns - start_ns, now.t_ns - start_ns)
@@ -206,7 +206,7 @@ class Lidar:
         )
 
     def _part(self, since_ns: int, until_ns: int) -> _Part:
-        """The beams from the next one until an instant of the turn; kept, as turns are alike."""
+        """Find the beams from the next one until an instant of the turn. Cache them for reuse."""
         key = (self._next, until_ns)
         part = self._parts.get(key)
         if part is None or part.since_ns != since_ns:
@@ -224,7 +224,7 @@ class Lidar:
         return part
 
     def _perceive(self) -> FloatArray:
-        """(rays,) ranges with noise, m; inf for drop-outs and what is out of reach."""
+        """Compute the ranges (rays,) with noise, m; inf for drop-outs and beyond the limits."""
         config, rays = self._config, self._config.rays
         ranges = self._ranges + config.noise_m * self._rng.standard_normal(rays)
         lost = self._rng.random(rays) < config.dropout
@@ -245,7 +245,7 @@ def beam_rays(
     origins: FloatArray,
     directions: FloatArray,
 ) -> None:
-    """Set out the beams of a laser whose body moves from pose 0 to pose 1.
+    """Compute the beams of a laser whose body moves from pose 0 to pose 1.
 
     The position is interpolated linearly, and the attitude by normalised linear interpolation of
     the quaternion. That is accurate over one control period.
@@ -255,15 +255,15 @@ def beam_rays(
         quaternion_0: (4,) w, x, y, z, world_from_base.
         position_1: (3,) as position_0, at the end.
         quaternion_1: (4,) as quaternion_0, at the end.
-        fraction: (n,) of the way at each beam, 0 to 1.
-        angle: (n,) of the beams in the laser frame, rad.
-        mount: (3,) place of the laser in base_link, m.
+        fraction: (n,) fraction of the motion at each beam, 0 to 1.
+        angle: (n,) angles of the beams in the laser frame, rad.
+        mount: (3,) position of the laser in base_link, m.
         origins: (n, 3) in the world, m; written.
         directions: (n, 3) unit vectors in the world; written.
     """
     for i in range(angle.shape[0]):
-        # The attitude at the beam's instant, and its rotation matrix by rows. The factor s makes up
-        # for the interpolated quaternion's length.
+        # The attitude at the beam's instant, and its rotation matrix row by row. The factor s
+        # corrects for the length of the interpolated quaternion.
         f = fraction[i]
         w = quaternion_0[0] + f * (quaternion_1[0] - quaternion_0[0])
         x = quaternion_0[1] + f * (quaternion_1[1] - quaternion_0[1])
@@ -276,7 +276,7 @@ def beam_rays(
             (s * (x * y + w * z), 1.0 - s * (x * x + z * z), s * (y * z - w * x)),
             (s * (x * z - w * y), s * (y * z + w * x), 1.0 - s * (x * x + y * y)),
         )
-        # The laser turns about base_link's z, so a beam has no part along it.
+        # The laser turns about base_link's z, so a beam has no component along it.
         for k in range(3):
             a, b, e = rows[k]
             at = position_0[k] + f * (position_1[k] - position_0[k])
@@ -285,7 +285,7 @@ def beam_rays(
 
 
 class DepthCamera:
-    """A depth camera that looks along the vehicle's x, level."""
+    """A depth camera that looks horizontally along the vehicle's x."""
 
     def __init__(
         self,
@@ -294,13 +294,13 @@ class DepthCamera:
         base_from_camera: FloatArray,
         rng: np.random.Generator,
     ) -> None:
-        """Set out the rays of the pixels.
+        """Compute the rays of the pixels.
 
         Args:
-            config: resolution, field of view, reach and noise.
+            config: resolution, field of view, range and noise.
             period_s: time between two images, s; a multiple of the control period.
-            base_from_camera: (3,) the camera's place in base_link, m.
-            rng: draws the noise and the empty pixels.
+            base_from_camera: (3,) position of the camera in base_link, m.
+            rng: random generator of the noise and the empty pixels.
         """
         self._config, self._rng, self._mount = config, rng, np.array(base_from_camera, np.float64)
         self._period_ns = round(period_s * 1e9)
@@ -320,7 +320,7 @@ class DepthCamera:
 
         Args:
             truth: the robot's state now.
-            world: what the rays meet.
+            world: the world that the rays hit.
 
         Returns:
             The image, or None between two images.
@@ -333,7 +333,7 @@ class DepthCamera:
         return DepthImage(truth.t_ns, self._perceive(self._axial * ranges), self._focal_px.copy())
 
     def _perceive(self, true_m: FloatArray) -> np.ndarray:
-        """(rows, columns) float32 depths, m; noise grows with their square, inf where empty."""
+        """Compute noisy depths (rows, columns), float32, m; inf: empty. Noise grows as depth^2."""
         config = self._config
         depth = true_m + config.noise_1pm * true_m**2 * self._rng.standard_normal(len(true_m))
         lost = self._rng.random(len(true_m)) < config.dropout

@@ -19,16 +19,16 @@ class Truth(BaseMessage):
         quaternion_wxyz: (4,) world_from_base.
         velocity_body: (6,) linear, m/s, then angular, rad/s, in base_link.
         acceleration_mps2: (3,) proper acceleration at the model's site ``imu``, in base_link's
-            axes, mean over the last control period: what an ideal accelerometer there reads.
+            axes, mean over the last control period, as an ideal accelerometer there measures it.
         sprocket_rad: (2,) angles, left and right.
         sprocket_radps: (2,) rates, left and right.
         motor_current_a: (2,) left and right.
         motor_voltage_v: (2,) left and right.
         energy_j: electrical energy drawn from the battery since the start.
-        contact_count: how often the vehicle began to touch anything but the ground.
-        in_contact: whether it touches anything but the ground now.
-        hit_count: touches that began while it stood with its motors off; they are not in
-            ``contact_count``.
+        contact_count: number of contacts with obstacles that began so far.
+        in_contact: whether the vehicle touches an obstacle now.
+        hit_count: contacts that began while the vehicle stood with its motors off. They are not
+            in ``contact_count``.
     """
 
     t_ns: int
@@ -49,16 +49,16 @@ class Truth(BaseMessage):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackTruth(BaseMessage):
-    """What the tracks truly do, to test an estimator against.
+    """The true state of the tracks, to test an estimator against.
 
     Attributes:
         t_ns: instant, ns.
-        slip_mps: (2,) left and right, speed of the belt's surface over the ground along the
-            vehicle, mean of the wheels by load; negative: the belt drives.
+        slip_mps: (2,) left and right: speed of the belt's surface over the ground along the
+            vehicle, mean of the wheels by load; negative if the belt drives.
         icr_m: (3,) instantaneous centres of rotation in base_link: y of the left track, y of the
-            right track, x of the vehicle; NaN where it hardly turns.
+            right track, x of the vehicle; NaN if the vehicle hardly turns.
         wheel_load_n: (wheels,) front to rear, left before right.
-        shear_work_j: energy that the shear between tracks and ground has taken since the start.
+        shear_work_j: energy lost to shear between tracks and ground since the start.
     """
 
     t_ns: int
@@ -70,7 +70,7 @@ class TrackTruth(BaseMessage):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LooseTruth(BaseMessage):
-    """Where things that can move truly are.
+    """The true poses of things that can move.
 
     Attributes:
         t_ns: instant, ns.
@@ -86,7 +86,7 @@ class LooseTruth(BaseMessage):
 
 
 Published = Message | Truth | TrackTruth | LooseTruth
-"""Everything that a listener hears: the robot's messages and the ground truth."""
+"""All messages that a listener gets: the robot's messages and the ground truth."""
 
 
 class RayCaster(Protocol):
@@ -101,7 +101,7 @@ class RayCaster(Protocol):
             cutoff_m: longest range, m.
 
         Returns:
-            (n,) ranges, m; -1 where nothing is met within the cutoff.
+            (n,) ranges, m; -1 where a ray hits nothing within the cutoff.
         """
         ...
 
@@ -118,6 +118,6 @@ class RayFan(Protocol):
             cutoff_m: longest range, m.
 
         Returns:
-            (n,) ranges, m; -1 where nothing is met within the cutoff.
+            (n,) ranges, m; -1 where a ray hits nothing within the cutoff.
         """
         ...

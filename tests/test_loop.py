@@ -115,7 +115,7 @@ def test_a_run_can_be_stopped_and_is_not_run_twice():
     simulation = Simulation(load("open"))
     result = simulation.run(lambda sim_time_s, to_go_m: sim_time_s < 0.5)
     assert result.outcome == "interrupted" and result.metrics["sim_time_s"] == pytest.approx(0.6)
-    with pytest.raises(RuntimeError, match="runs once"):
+    with pytest.raises(RuntimeError, match="runs only once"):
         simulation.run()
 
 

@@ -1,7 +1,7 @@
 """The certificate of the tracks: checks of the simulated vehicle against closed forms.
 
 Each family of checks is a generator. The closed forms are in `track_theory` and `turning_theory`,
-which use nothing of the simulator. docs/tracks.md explains the forms and their ranges.
+which use no code of the simulator. docs/tracks.md explains the forms and their ranges.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ def families() -> dict[str, Family]:
     """List the families of checks.
 
     Returns:
-        Every family by its name, in the order of the table.
+        All families by name, in the order of the table.
     """
     from simloop.certify import ground, native, pulling, slopes, turning
 
@@ -51,10 +51,10 @@ def families() -> dict[str, Family]:
 
 
 def run(only: Sequence[str] = ()) -> Iterator[Check]:
-    """Do checks, one by one.
+    """Run the checks, one by one.
 
     Args:
-        only: names of families; empty: all of them.
+        only: names of families to run; empty: all.
 
     Yields:
         Each check when it is done.
@@ -65,22 +65,22 @@ def run(only: Sequence[str] = ()) -> Iterator[Check]:
 
 
 def passed(checks: Sequence[Check]) -> bool:
-    """Whether the certificate holds.
+    """Tell whether the certificate holds.
 
     Args:
-        checks: what was done.
+        checks: the checks that were run.
 
     Returns:
-        True if every check holds that is not merely informative.
+        True if every check holds that is not informative only.
     """
     return all(check.ok for check in checks if not check.informative)
 
 
 def figures(checks: Sequence[Check]) -> dict[str, Any]:
-    """Collect what ``--json`` writes, without versions and machine.
+    """Collect the results for ``--json``, without versions and machine.
 
     Args:
-        checks: what was done.
+        checks: the checks that were run.
 
     Returns:
         ``ok``, the ``checks``, and the ``comparison`` with MuJoCo's own friction.

@@ -1,4 +1,4 @@
-"""One check of the certificate: a measured figure, what theory expects, and the tolerance."""
+"""One check of the certificate: a measured value, the theoretical value, and the tolerance."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """A figure of the simulation against what theory expects.
+    """A value of the simulation, compared with theory.
 
     Attributes:
         group: the check's group in the table.
         name: what was measured, and under which conditions.
-        value: the measured figure.
-        expected: what theory gives.
-        error: of ``value``; relative to ``expected``, or in the figure's unit.
-        tolerance: largest error.
-        unit: of ``value`` and ``expected``; empty for ratios.
-        informative: whether the check is a comparison that does not count.
+        value: the measured value.
+        expected: the value of theory.
+        error: error of ``value``; relative to ``expected``, or in the value's unit.
+        tolerance: largest error that passes.
+        unit: unit of ``value`` and ``expected``; empty for ratios.
+        informative: whether the check is only a comparison, which cannot fail the certificate.
     """
 
     group: str
@@ -33,14 +33,14 @@ class Check:
 
     @property
     def ok(self) -> bool:
-        """Whether the error is within its tolerance; a NaN never is."""
+        """Whether the error is within its tolerance. A NaN never is."""
         return self.error <= self.tolerance
 
     def as_dict(self) -> dict[str, Any]:
-        """Collect what ``--json`` writes.
+        """Collect the check's fields for ``--json``.
 
         Returns:
-            The fields and ``ok``; figures that are not finite are None.
+            The fields and ``ok``; values that are not finite are None.
         """
         figures = {
             key: None if isinstance(value, float) and not math.isfinite(value) else value
@@ -52,15 +52,15 @@ class Check:
 def relative(
     group: str, name: str, value: float, expected: float, tolerance: float, unit: str = ""
 ) -> Check:
-    """Check a figure to a relative tolerance.
+    """Check a value with a relative tolerance.
 
     Args:
         group: the check's group in the table.
         name: what was measured.
-        value: the figure.
-        expected: what theory gives, not 0.
+        value: the measured value.
+        expected: the value of theory, not 0.
         tolerance: largest error over ``expected``.
-        unit: of the figure.
+        unit: unit of the value.
 
     Returns:
         The check.
@@ -72,15 +72,15 @@ def relative(
 def absolute(
     group: str, name: str, value: float, expected: float, tolerance: float, unit: str = ""
 ) -> Check:
-    """Check a figure to a tolerance in its own unit.
+    """Check a value with a tolerance in its own unit.
 
     Args:
         group: the check's group in the table.
         name: what was measured.
-        value: the figure.
-        expected: what theory gives.
+        value: the measured value.
+        expected: the value of theory.
         tolerance: largest error, in ``unit``.
-        unit: of the figure.
+        unit: unit of the value.
 
     Returns:
         The check.
@@ -90,32 +90,32 @@ def absolute(
 
 
 def at_most(group: str, name: str, value: float, bound: float, unit: str = "") -> Check:
-    """Check that a figure does not exceed a bound.
+    """Check that a value does not exceed a bound.
 
     Args:
         group: the check's group in the table.
         name: what was measured.
-        value: the figure.
-        bound: its largest value.
-        unit: of the figure.
+        value: the measured value.
+        bound: its largest allowed value.
+        unit: unit of the value.
 
     Returns:
-        The check, whose error is the excess.
+        The check. Its error is the excess.
     """
     excess = value - bound if value > bound else (0.0 if value <= bound else math.nan)
     return Check(group, name, float(value), bound, excess, 0.0, unit)
 
 
 def verdict(group: str, name: str, happened: bool, expected: bool) -> Check:
-    """Check that something happens, or does not.
+    """Check that something happens, or that it does not.
 
     Args:
         group: the check's group in the table.
-        name: what may happen.
-        happened: whether it did.
-        expected: whether theory says so.
+        name: the event.
+        happened: whether it happened.
+        expected: whether it happens in theory.
 
     Returns:
-        The check, of figures 1 and 0.
+        The check. Its values are 1 (yes) and 0 (no).
     """
     return absolute(group, name, float(happened), float(expected), 0.0)

@@ -1,6 +1,6 @@
 """Random vehicles, ground, drops and commands: no state may become infinite or gain energy.
 
-An episode depends on its seed alone, so one number is enough to reproduce a failure.
+An episode depends only on its seed, so one number is enough to reproduce a failure.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from simloop.worlds.terrain import MOST_ROUGH_STEP_S
 _STEPS_S = (0.001, 0.002, 0.005)
 _EPISODE_S = 4.0
 _FASTEST_MPS = 50.0  # four seconds of free fall give 39 m/s
-_LEAST_J, _SHARE = 0.5, 0.01  # energy from nowhere that is tolerated: so much, and of turnover
-_CLEAR_M = 0.65  # between centres of things that must not overlap at the start
+_LEAST_J, _SHARE = 0.5, 0.01  # tolerated energy gain: a constant, and a share of the turnover
+_CLEAR_M = 0.65  # least distance between the centres of things that must not overlap at the start
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,11 +29,11 @@ class Episode:
     """The outcome of one episode.
 
     Attributes:
-        seed: that it was made from.
-        steps: physics steps done.
-        gain_j: most energy that came from nowhere.
-        turnover_j: energy that was moved in all.
-        failure: what went wrong; empty if nothing did.
+        seed: seed of the episode.
+        steps: number of physics steps.
+        gain_j: largest energy gain without a source.
+        turnover_j: total energy that was converted.
+        failure: what failed; empty if nothing failed.
     """
 
     seed: int
@@ -48,7 +48,7 @@ def episodes(seed: int, least_steps: int) -> Iterator[Episode]:
 
     Args:
         seed: the first seed.
-        least_steps: physics steps after which no further episode begins.
+        least_steps: no further episode begins after this many physics steps.
 
     Yields:
         Each episode when it is done.
@@ -80,8 +80,8 @@ def random_rig(rng: np.random.Generator) -> Rig:
         tilt = float(rng.uniform(-0.3, 0.3)) if tilted else 0.0
         blocks.append(Block((x, y, high - 0.25), half, tilt, name=kind))
     for _ in range(int(rng.integers(0, 3))):
-        # Clear of the vehicle and of one another: things that overlap at the start are pushed
-        # apart, which rightly gives them energy.
+        # Clear of the vehicle and of one another. Things that overlap at the start are pushed
+        # apart, and this gives them energy.
         x, y = rng.uniform(-1.0, 1.0, 2)
         if math.hypot(x, y) < _CLEAR_M or any(
             block.mass_kg and math.dist((x, y), block.centre_m[:2]) < _CLEAR_M for block in blocks
@@ -111,7 +111,7 @@ def random_rig(rng: np.random.Generator) -> Rig:
 
 
 def _drop(bench: Bench, rng: np.random.Generator) -> None:
-    """Put the vehicle near the middle, tilted, at any heading, 0.2 to 0.5 m above all blocks."""
+    """Place the vehicle near the middle, tilted, at any heading, 0.2 to 0.5 m above all blocks."""
     data, model = bench.plant.data, bench.plant.model
     yaw, roll, pitch = rng.uniform(-math.pi, math.pi), *rng.uniform(-0.4, 0.4, 2)
     data.qpos[:2] = rng.uniform(-0.1, 0.1, 2)
@@ -124,10 +124,10 @@ def _drop(bench: Bench, rng: np.random.Generator) -> None:
 
 
 def run_episode(seed: int) -> Episode:
-    """Drop a random vehicle on random ground, and drive it at random for four seconds.
+    """Drop a random vehicle on random ground, and drive it randomly for four seconds.
 
     Args:
-        seed: of everything.
+        seed: seed of the whole episode.
 
     Returns:
         The episode.
@@ -157,7 +157,7 @@ def run_episode(seed: int) -> Episode:
 
 
 def _failure(bench: Bench) -> str:
-    """What is wrong with the state now; empty if nothing is."""
+    """Describe what is wrong with the present state; empty if nothing is."""
     data = bench.plant.data
     if not (np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all()):
         return "the state is not finite"

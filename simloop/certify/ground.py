@@ -1,4 +1,4 @@
-"""Checks of energy, momentum, steps, ramps, rough ground, friction zones, loose things, walls."""
+"""Check energy, momentum, steps, ramps, rough ground, friction zones, loose bodies and walls."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ _BEARINGS: tuple[tuple[str, Literal["rail", "pivot"], float], ...] = (
     ("sled", "rail", 5.0),
     ("turntable", "pivot", 0.2),
 )
-"""Name, bearing and mass, kg, of movable ground that is too large to drive off."""
+"""Name, bearing and mass, kg, of movable ground. It is too large to drive off."""
 
 
 def energy() -> Iterator[Check]:
-    """Work of the motors' shafts = kinetic + potential + shear + joint friction (form 8).
+    """Check that shaft work = kinetic + potential + shear + joint friction energy (form 8).
 
     Yields:
         Checks of the balance over random manoeuvres, at three time steps.
@@ -54,7 +54,7 @@ def energy() -> Iterator[Check]:
 
 
 def _balance(name: str, rig: Rig, rng: np.random.Generator, brakes: float = 0.0) -> Check:
-    """The balance over twelve random commands; brakes: probability that they are on."""
+    """Check the balance over twelve random commands; brakes: probability that they are on."""
     bench = rig.build()
     before = _mechanical(bench)
     for _ in range(12):
@@ -65,14 +65,14 @@ def _balance(name: str, rig: Rig, rng: np.random.Generator, brakes: float = 0.0)
 
 
 def _balanced(group: str, name: str, bench: Bench, before_j: float) -> Check:
-    """The shafts' work against where it went, since the mechanical energy was ``before_j``."""
+    """Check shaft work against the energy it became; ``before_j``: mechanical energy before."""
     work = bench.plant.work_j()
     spent = _mechanical(bench) - before_j + work[1] + work[2]
     return relative(group, name, float(spent), float(work[3]), 0.01, "J")
 
 
 def _mechanical(bench: Bench) -> float:
-    """Kinetic and potential energy, J."""
+    """Compute the kinetic and potential energy, J."""
     model, data = bench.plant.model, bench.plant.data
     mujoco.mj_forward(model, data)
     mujoco.mj_energyPos(model, data)
@@ -81,10 +81,10 @@ def _mechanical(bench: Bench) -> float:
 
 
 def kinetic_and_potential(bench: Bench) -> float:
-    """Kinetic and potential energy, without a forward pass that changes the simulation's state.
+    """Compute kinetic and potential energy without a forward pass, which would change the state.
 
     Args:
-        bench: the rig; its positions are those of the last step's beginning.
+        bench: the rig; its positions are those of the start of the last step.
 
     Returns:
         Energy, J.
@@ -97,7 +97,7 @@ def kinetic_and_potential(bench: Bench) -> float:
 
 
 def spent_j(bench: Bench) -> float:
-    """Energy that tracks and joints took, less what the motors' shafts gave.
+    """Compute the energy lost in tracks and joints, less the work of the motors' shafts.
 
     Args:
         bench: the rig.
@@ -110,10 +110,10 @@ def spent_j(bench: Bench) -> float:
 
 
 def steps_agree() -> Iterator[Check]:
-    """A manoeuvre ends at the same place with steps of 1 ms and of 5 ms.
+    """Check that a manoeuvre ends at the same place with steps of 1 ms and of 5 ms.
 
     Yields:
-        Checks of the end's shift over the way driven, and of the yaw.
+        Checks of the end's shift over the distance driven, and of the yaw.
     """
     for friction in (0.3, 0.6, 0.9):
         ends, ways = [], []
@@ -133,7 +133,7 @@ def steps_agree() -> Iterator[Check]:
 
 
 def zones() -> Iterator[Check]:
-    """With one track on ice, each track pulls what its own ground gives.
+    """Check with one track on ice that each track pulls what its own ground allows.
 
     Yields:
         Checks of both tracks' pull.
@@ -148,7 +148,7 @@ def zones() -> Iterator[Check]:
 
 
 def loose() -> Iterator[Check]:
-    """A box is pushed with its friction's force; a sled and a turntable take the tracks' thrust.
+    """Check the force that pushes a box, and the thrust on a sled and on a turntable.
 
     Yields:
         Checks of forces, momenta and energy.
@@ -160,7 +160,7 @@ def loose() -> Iterator[Check]:
         model = bench.plant.model
         model.geom_friction[model.geom("floor").id, 0] = friction
         for geom in range(model.ngeom):
-            # A hull that rubs on the box would carry a part of its weight.
+            # A hull that rubs on the box would carry part of its weight.
             if model.geom(geom).name.startswith("hull_"):
                 model.geom_condim[geom] = 1
         bench.drive((8.0, 8.0), 2.0)
@@ -168,7 +168,7 @@ def loose() -> Iterator[Check]:
         for _ in range(200):
             bench.drive((8.0, 8.0), 0.01)
             thrusts.append(float(bench.plant.tracks.track_force.sum()))
-        # MuJoCo's own friction makes the box hop as it slides, so the mean is what counts.
+        # MuJoCo's own friction makes the box hop as it slides, so the mean is compared.
         pull = float(np.mean(thrusts))
         expected = friction * mass * GRAVITY_MPS2
         yield relative("loose box", f"{mass:g} kg: thrust", pull, expected, 0.02, "N")
@@ -177,7 +177,7 @@ def loose() -> Iterator[Check]:
 
 
 def _sled() -> Iterator[Check]:
-    """The vehicle gains the momentum that a sled under it loses; ice below it does not matter."""
+    """Check that the vehicle gains the momentum that a sled loses. Ice below has no effect."""
     sled = Block((0.0, 0.0, -0.05), (1.0, 0.5, 0.05), 0.0, 5.0, bearing="rail")
     ice = FrictionZone((-9.0, -9.0), (9.0, 9.0), 0.05)
     bench = Rig(blocks=(sled,), floor=False, zones=(ice,)).build()
@@ -186,7 +186,7 @@ def _sled() -> Iterator[Check]:
     yield _balanced("loose sled", "shafts' work, while it speeds up", bench, before)
     data, model = bench.plant.data, bench.plant.model
     sled_v = float(data.qvel[model.jnt_dofadr[-1]])
-    # The sled's joint stands last; the sprockets' spin carries no momentum along x.
+    # The sled's joint comes last. The sprockets' spin has no momentum along x.
     vehicle = bench.mass_kg * float(bench.truth.velocity_body[0])
     name = "sled's momentum to the vehicle's"
     yield relative("loose sled", name, -5.0 * sled_v, vehicle, 0.001, "N s")
@@ -195,7 +195,7 @@ def _sled() -> Iterator[Check]:
 
 
 def _turntable() -> Iterator[Check]:
-    """A turntable takes the vehicle's angular momentum; the spin ratio is relative to it."""
+    """Check that a turntable takes the angular momentum, and the spin ratio relative to it."""
     table = Block((0.0, 0.0, -0.05), (0.8, 0.8, 0.05), 0.0, 0.5, bearing="pivot")
     bench = Rig(blocks=(table,), floor=False).build()
     before = _mechanical(bench)
@@ -220,7 +220,7 @@ def _turntable() -> Iterator[Check]:
 
 
 def steps() -> Iterator[Check]:
-    """Steps are climbed up to the height that plane statics allows (form 6).
+    """Check that steps are climbed up to the height that plane statics allows (form 6).
 
     Yields:
         Checks below and above that height, and of a low sill.
@@ -244,13 +244,13 @@ def steps() -> Iterator[Check]:
 
 
 def _top(block: Block, height: float) -> Block:
-    """The block with its upper face at a height, m; it reaches a metre below that."""
+    """Move a block's upper face to a height, m. The block reaches a metre below that."""
     x, y, _ = block.centre_m
     return Block((x, y, height - 0.5), (block.half_m[0], block.half_m[1], 0.5))
 
 
 def ramps() -> Iterator[Check]:
-    """A ramp of geometry is climbed if friction allows it, as tilted gravity is (form 6).
+    """Check that a real ramp is climbed if friction allows it, as with tilted gravity (form 6).
 
     Yields:
         Checks of whether it is climbed.
@@ -268,7 +268,7 @@ def ramps() -> Iterator[Check]:
 
 
 def rough() -> Iterator[Check]:
-    """On a height field the wheels carry the weight, and only the motors give energy.
+    """Check on a height field that wheels carry the weight, and only motors supply energy.
 
     Yields:
         Checks of mean load, energy and progress.
@@ -290,15 +290,15 @@ def rough() -> Iterator[Check]:
 
 
 def walls() -> Iterator[Check]:
-    """Against a wall at full voltage the vehicle does not climb, stick, or gain energy.
+    """Check that the vehicle at full voltage against a wall does not climb, stick or gain energy.
 
     Yields:
-        Checks head on and slanting.
+        Checks head on and at an angle.
     """
     wall = Block((0.55, 0.0, 0.5), (0.1, 2.0, 0.5), name="wall")
     for name, left, right in (("head on", 24.0, 24.0), ("slanting", 24.0, 18.0)):
         bench = Rig(friction=1.0, blocks=(wall,)).build()
-        bench.drive((left, right), 0.3)  # still short of the wall, and at speed
+        bench.drive((left, right), 0.3)  # not yet at the wall, and at speed
         start = kinetic_and_potential(bench) + spent_j(bench)
         highest, gain = 0.0, 0.0
         for _ in range(300):

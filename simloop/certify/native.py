@@ -1,4 +1,4 @@
-"""The same vehicle with MuJoCo's own friction under moving surfaces, as a comparison."""
+"""Compare with the same vehicle under MuJoCo's own friction on moving surfaces."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from simloop.physics import turning_theory
 
 
 def native() -> Iterator[Check]:
-    """With ``surfacevel`` on the road wheels, a vehicle turns too little on the spot, and hops.
+    """Show that a vehicle with ``surfacevel`` on its road wheels turns too slowly, and hops.
 
     Yields:
         Informative checks of spin ratio and vertical speed.
@@ -23,7 +23,7 @@ def native() -> Iterator[Check]:
     for friction in (0.4, 0.7):
         for sprocket in (1.0, 4.0, 10.0):
             belt = sprocket * RADIUS_M
-            # The tracks' own shear is switched off by a friction of almost 0.
+            # A friction of almost 0 switches off the tracks' own shear.
             rig = Rig(friction=friction, native_belts_mps=(-belt, belt))
             bench = rig.build(own_friction=1e-9)
             bench.lock_belts()

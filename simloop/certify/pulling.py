@@ -1,4 +1,4 @@
-"""Checks of slip curve, bollard pull, stall, current limit, motor speed and coasting."""
+"""Check slip curve, bollard pull, stall, current limit, motor speed and coasting."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _BELT_MPS = 0.2
 
 
 def straight() -> Iterator[Check]:
-    """On level ground v = r w, with almost no slip (form 1).
+    """Check that v = r w on level ground, with almost no slip (form 1).
 
     Yields:
         Checks of speed and drift.
@@ -33,7 +33,7 @@ def straight() -> Iterator[Check]:
 
 
 def slip_curve() -> Iterator[Check]:
-    """Pull over slip is the Janosi-Hanamoto curve (form 5).
+    """Check that pull over slip is the Janosi-Hanamoto curve (form 5).
 
     Yields:
         Checks of the slip under a towing force, and of the pull on a winch of constant speed.
@@ -59,7 +59,7 @@ def slip_curve() -> Iterator[Check]:
 
 
 def _other_winches() -> Iterator[tuple[str, Rig, float, float]]:
-    """Conditions of further winches: name, rig, slip and belt speed, m/s."""
+    """List further winch conditions: name, rig, slip and belt speed, m/s."""
     for slip in (-0.003, -0.03, -0.5):
         yield "pushed", Rig(open_circuit=True), slip, _BELT_MPS
     for slip in (0.01, -0.01):
@@ -73,7 +73,7 @@ def _other_winches() -> Iterator[tuple[str, Rig, float, float]]:
 
 
 def _winched(rig: Rig, slip: float, belt_mps: float = _BELT_MPS) -> tuple[float, float]:
-    """Pull over mu W in the belts' direction, and slip, at a speed that is kept constant."""
+    """Measure pull over mu W along the belts, and slip, at a constant vehicle speed."""
     bench = rig.build()
     bench.run_belts(belt_mps, belt_mps)
     bench.hold(belt_mps * (1.0 - slip), max(4.0, 0.8 / abs(belt_mps)))
@@ -86,7 +86,7 @@ def _slip(bench: Bench) -> float:
 
 
 def bollard() -> Iterator[Check]:
-    """A vehicle that is held pulls mu W, or what the current limit gives (forms 5, 7).
+    """Check that a tethered vehicle pulls mu W, or what the current limit allows (forms 5, 7).
 
     Yields:
         Checks of pull, torque and current.
@@ -106,8 +106,8 @@ def bollard() -> Iterator[Check]:
     for volts, limit in ((2.0, 5.0), (24.0, 5.0)):
         rig = Rig(friction=2.0, payload_kg=10.0, payload_m=(0.0, 0.0, 0.1))
         bench = rig.build()
-        # The voltage rises slowly so that the vehicle does not swing back in the rope: gear
-        # friction would then push instead of brake.
+        # The voltage rises slowly, so the vehicle does not swing back on the rope. If it did, gear
+        # friction would push instead of brake.
         for share in np.linspace(0.1, 1.0, 10):
             bench.drive((share * volts, share * volts), 0.3, _rope)
         bench.drive((volts, volts), 3.0, _rope)
@@ -124,13 +124,13 @@ def bollard() -> Iterator[Check]:
 
 
 def _rope(bench: Bench) -> None:
-    """Hold base_link by a spring and a damper that are almost rigid."""
+    """Hold base_link with a spring and a damper that are almost rigid."""
     x, v = bench.truth.pose_xyyaw[0], bench.motion()[0]
     bench.tow(-8000.0 * x - 600.0 * v)
 
 
 def motors() -> Iterator[Check]:
-    """Motors reach the speed of their characteristic; shorted, they come to rest (form 7).
+    """Check that motors reach their theoretical speed, and stop when shorted (form 7).
 
     Yields:
         Checks of speed, current and energy.
@@ -157,7 +157,7 @@ def motors() -> Iterator[Check]:
 
 
 def free_wheels() -> Iterator[Check]:
-    """In the air J dw/dt = k I - friction, up to the no-load speed; and coasting (form 7).
+    """Check J dw/dt = k I - friction in the air, the no-load speed, and coasting (form 7).
 
     Yields:
         Checks of acceleration, no-load speed and current, and of deceleration without current.

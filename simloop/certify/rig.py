@@ -1,7 +1,7 @@
-"""Test rigs: the vehicle stretched, loaded, towed, on planes, slopes and steps.
+"""Test rigs: the vehicle in other sizes, with loads, under tow, on planes, slopes and steps.
 
-A rig takes models/tracked_ugv.xml and the plant that the simulation loop uses. It changes lengths,
-masses, wheels and ground only. Nothing depends on the clock or on chance.
+A rig uses models/tracked_ugv.xml and the plant of the simulation loop. It changes only lengths,
+masses, wheels and ground. Nothing depends on the clock or on chance.
 """
 
 from __future__ import annotations
@@ -31,34 +31,34 @@ from simloop.worlds.arena import add_payload
 
 GRAVITY_MPS2 = 9.81
 CONTROL_S = 0.01
-# Added to a joint so that it keeps its speed whatever resists.
+# Added to the inertia of a joint, which then keeps its speed against any resistance.
 _HEAVY_KGM2, _HEAVY_KG = 1e4, 1e3
 
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """A vehicle and its ground. Slopes are made by tilting gravity.
+    """A vehicle and its ground. Tilted gravity makes the slopes.
 
     Attributes:
         length_m: contact length.
-        gauge_m: between the tracks' centre lines.
-        wheels: road wheels a side.
+        gauge_m: distance between the tracks' centre lines.
+        wheels: number of road wheels on each side.
         payload_kg: load on the chassis.
-        payload_m: (3,) its place in base_link.
-        friction: of the ground.
+        payload_m: (3,) position of the load in base_link.
+        friction: coefficient of friction of the ground.
         step_s: physics step.
-        pitch_rad: slope; above 0 +x leads uphill.
-        roll_rad: side slope; above 0 the left side is higher.
+        pitch_rad: slope; above 0: +x leads uphill.
+        roll_rad: side slope; above 0: the left side is higher.
         rolling_resistance: drag over load.
-        shear_modulus_m: of the brush.
-        zones: ground with a friction of its own.
+        shear_modulus_m: shear modulus of the brush.
+        zones: ground with its own friction.
         blocks: boxes on or in the ground.
         floor: whether there is a plane to stand on.
-        rough_m: height of a random height field in place of the plane; 0: none.
-        rough_seed: of the height field.
+        rough_m: height of a random height field instead of the plane; 0: none.
+        rough_seed: seed of the height field.
         native_belts_mps: speeds, left and right, of surfaces with MuJoCo's own friction.
-        braked: holding brakes on from the beginning.
-        open_circuit: motors that give no torque.
+        braked: whether the holding brakes are on from the start.
+        open_circuit: whether the motors give no torque.
     """
 
     length_m: float = 0.415
@@ -82,13 +82,13 @@ class Rig:
     open_circuit: bool = False
 
     def config(self, friction: float) -> Config:
-        """Settings of this rig's plant.
+        """Make the settings of this rig's plant.
 
         Args:
-            friction: of the tracks.
+            friction: coefficient of friction of the tracks.
 
         Returns:
-            The settings; all that the rig does not name is the default.
+            The settings. Those that the rig does not name have their defaults.
         """
         motor = MotorConfig(resistance_ohm=1e6) if self.open_circuit else MotorConfig()
         return Config(
@@ -106,8 +106,8 @@ class Rig:
         """Build the rig and let it settle.
 
         Args:
-            own_friction: of the tracks, if it is not the rig's.
-            settle_s: how long it settles, s.
+            own_friction: friction of the tracks, if it differs from the rig's.
+            settle_s: time to settle, s.
 
         Returns:
             The rig at rest.
@@ -116,7 +116,7 @@ class Rig:
         return Bench(self, friction, settle_s)
 
     def support_x(self) -> FloatArray:
-        """Places of the road wheels: the middles of equal pieces of the contact length.
+        """Compute the positions of the road wheels: middles of equal parts of the contact length.
 
         Returns:
             (wheels,) x of one side, front to rear, m.
@@ -125,7 +125,7 @@ class Rig:
         return 0.5 * self.length_m - cell * (np.arange(self.wheels, dtype=np.float64) + 0.5)
 
     def gravity(self) -> FloatArray:
-        """Gravity as the slopes tilt it.
+        """Compute gravity, tilted as the slopes.
 
         Returns:
             (3,) m/s^2.
@@ -136,15 +136,15 @@ class Rig:
 
 
 class Bench:
-    """A rig's plant, with the means to drive, tow and measure it."""
+    """A rig's plant, with methods to drive, tow and measure it."""
 
     def __init__(self, rig: Rig, friction: float, settle_s: float) -> None:
         """Build the plant and let it settle.
 
         Args:
-            rig: what is built.
-            friction: of the tracks.
-            settle_s: how long it settles, s.
+            rig: the rig to build.
+            friction: coefficient of friction of the tracks.
+            settle_s: time to settle, s.
         """
         self.rig = rig
         self.plant = Plant(_model(rig), rig.config(friction))
@@ -166,12 +166,12 @@ class Bench:
         seconds: float,
         each: Callable[[Bench], None] | None = None,
     ) -> Truth:
-        """Apply constant voltages for a while.
+        """Apply constant voltages for some time.
 
         Args:
             volts: left and right, V.
-            seconds: how long, s.
-            each: called before every control period.
+            seconds: duration, s.
+            each: called before each control period.
 
         Returns:
             The truth at the end.
@@ -184,14 +184,14 @@ class Bench:
         return self.truth
 
     def run_belts(self, left_mps: float, right_mps: float) -> None:
-        """Make the belts run at constant speeds from now on, whatever resists.
+        """Make the belts run at constant speeds from now on, against any resistance.
 
-        The sprockets become very heavy. The speed that they lose in a control period all the same
-        is given back before the next.
+        The sprockets become very heavy. Before each control period their speed is set again, to
+        correct the small loss of the last period.
 
         Args:
-            left_mps: m/s.
-            right_mps: m/s.
+            left_mps: speed of the left belt, m/s.
+            right_mps: speed of the right belt, m/s.
         """
         self._belts_mps = (left_mps, right_mps)
         self.plant.model.dof_armature[self._sprockets] = _HEAVY_KGM2
@@ -202,7 +202,7 @@ class Bench:
             self.plant.data.qvel[self._sprockets] = np.array(self._belts_mps) / RADIUS_M
 
     def sprocket_inertia_kgm2(self) -> float:
-        """Inertia of one sprocket about its axle, with its motor's rotor.
+        """Compute the inertia of one sprocket about its axle, with its motor's rotor.
 
         Returns:
             Inertia, kg m^2.
@@ -226,7 +226,7 @@ class Bench:
         self.run_belts(0.0, 0.0)
 
     def tow(self, force_n: float) -> None:
-        """Pull at ground level from now on.
+        """Tow at ground level from now on.
 
         Args:
             force_n: along x, N.
@@ -234,15 +234,15 @@ class Bench:
         self.plant.data.qfrc_applied[0] = force_n
 
     def hold(self, speed_mps: float, seconds: float, volts: float = 0.0) -> None:
-        """Keep the vehicle at one speed and from turning, as a winch does.
+        """Keep the vehicle at one speed without turning, as a winch does.
 
-        The vehicle becomes heavy, and is towed with what the tracks pushed last. If it were still
-        heavier, the contact solver would lose digits.
+        The vehicle becomes heavy, and is towed with the last thrust of the tracks. With a still
+        larger mass, the contact solver would lose digits.
 
         Args:
             speed_mps: along x, m/s.
-            seconds: how long, s.
-            volts: of both motors, V.
+            seconds: duration, s.
+            volts: voltage of both motors, V.
         """
         self.plant.model.dof_armature[[0, 1, 5]] = _HEAVY_KG
         self.plant.data.qvel[0] = speed_mps
@@ -253,11 +253,11 @@ class Bench:
         self.drive((volts, volts), seconds, pull)
 
     def swing(self, yaw_rate: float, seconds: float) -> float:
-        """Turn the vehicle by hand, with belts that have no slip along themselves.
+        """Turn the vehicle at a set rate, with belts that have no slip along themselves.
 
         Args:
             yaw_rate: rad/s.
-            seconds: how long, s.
+            seconds: duration, s.
 
         Returns:
             The tracks' moment about z, N m.
@@ -273,10 +273,10 @@ class Bench:
         return float(self.plant.data.xfrc_applied[self._base_id(), 5])
 
     def drive_without_yaw(self, seconds: float) -> None:
-        """Let the belts run on while the vehicle is kept from turning.
+        """Let the belts run on while the vehicle cannot turn.
 
         Args:
-            seconds: how long, s.
+            seconds: duration, s.
         """
         self.plant.model.dof_armature[5] = _HEAVY_KG
 
@@ -286,7 +286,7 @@ class Bench:
         self.drive((0.0, 0.0), seconds, straight)
 
     def motion(self) -> tuple[float, float, float]:
-        """The vehicle's planar motion.
+        """Read the vehicle's planar motion.
 
         Returns:
             v_x, v_y in base_link, m/s, and yaw rate, rad/s.
@@ -295,7 +295,7 @@ class Bench:
         return float(v[0]), float(v[1]), float(v[5])
 
     def belts_mps(self) -> tuple[float, float]:
-        """The belts' speeds.
+        """Read the belts' speeds.
 
         Returns:
             Left and right, m/s.
@@ -304,7 +304,7 @@ class Bench:
         return float(left), float(right)
 
     def spin_ratio(self) -> float:
-        """Yaw rate over what the belts would give without slip.
+        """Compute the yaw rate over the yaw rate of belts without slip.
 
         Returns:
             chi.
@@ -313,12 +313,12 @@ class Bench:
         return float(self.truth.velocity_body[5]) * self.rig.gauge_m / (right - left)
 
     def cells(self, fine: int = 50) -> turning_theory.Cells:
-        """The belts as theory has them: loads of beam statics, spread about each wheel.
+        """Make the belts of the theory: loads of beam statics, spread around each wheel.
 
-        On a slope the weight bears where its line through the centre of gravity meets the ground.
+        On a slope, the weight acts where its line through the centre of gravity meets the ground.
 
         Args:
-            fine: cells for each road wheel.
+            fine: number of cells for each road wheel.
 
         Returns:
             The belts with their loads.
@@ -337,7 +337,7 @@ class Bench:
 
 
 def _model(rig: Rig) -> mujoco.MjModel:
-    """The vehicle's file, without what is only seen, on the rig's ground."""
+    """Compile the vehicle's model without its visual parts, on the rig's ground."""
     spec = mujoco.MjSpec.from_file(str(models_dir() / "tracked_ugv.xml"))
     for geom in list(spec.geoms):
         if geom.name.startswith(("visual_", "road_")) or geom.name == "ground":
@@ -360,7 +360,7 @@ def _model(rig: Rig) -> mujoco.MjModel:
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     if rig.native_belts_mps is not None:
-        # MuJoCo's own friction, under surfaces that move over the wheels as belts do.
+        # MuJoCo's own friction, with surfaces that move over the wheels as belts do.
         spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
         for i, geom in enumerate(wheels):
             geom.condim, geom.friction = 3, [rig.friction, 0.005, 0.0001]

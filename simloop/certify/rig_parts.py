@@ -13,8 +13,8 @@ from simloop.messages import FloatArray
 
 RADIUS_M = 0.037
 """Radius of the sprockets and road wheels of models/tracked_ugv.xml."""
-_ROUGH_CELLS = 201  # a side of the height field
-_COARSE = 51  # random heights a side, with straight slopes between them
+_ROUGH_CELLS = 201  # grid points on each side of the height field
+_COARSE = 51  # random heights on each side, with linear interpolation between them
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,13 +22,13 @@ class Block:
     """A box on or in the ground.
 
     Attributes:
-        centre_m: (3,) in the world.
+        centre_m: (3,) centre in the world.
         half_m: (3,) half sizes.
-        pitch_rad: nose up is positive.
-        mass_kg: above 0 the block is loose.
-        friction: MuJoCo's own, of the block against floor and hull.
-        bearing: of a loose block. A rail lets it move along x alone, a pivot turn about z alone.
-        name: start of the geom's name, which says what a fixed block is to the tracks.
+        pitch_rad: pitch; positive: nose up.
+        mass_kg: mass; above 0 the block is loose.
+        friction: MuJoCo's own friction of the block against floor and hull.
+        bearing: joint of a loose block. A rail allows motion along x, a pivot rotation about z.
+        name: start of the geom's name, which decides the kind of a fixed block for the tracks.
     """
 
     centre_m: tuple[float, float, float]
@@ -41,12 +41,12 @@ class Block:
 
 
 def add_wheels(spec: mujoco.MjSpec, support_x: FloatArray, gauge_m: float) -> list[mujoco.MjsGeom]:
-    """Put road wheels under base_link.
+    """Add road wheels under base_link.
 
     Args:
         spec: the vehicle, without road wheels.
-        support_x: (n,) x of the wheels of a side, front to rear, m.
-        gauge_m: between left and right, m.
+        support_x: (n,) x of the wheels of one side, front to rear, m.
+        gauge_m: distance between left and right, m.
 
     Returns:
         The 2 n wheels, left before right.
@@ -63,12 +63,12 @@ def add_wheels(spec: mujoco.MjSpec, support_x: FloatArray, gauge_m: float) -> li
 def add_rough(spec: mujoco.MjSpec, height_m: float, seed: int) -> None:
     """Add a height field of 8 m x 8 m whose highest point is at most at z = 0.
 
-    Heights are random every 16 cm and bilinear between: level on the whole, no cliffs.
+    Heights are random every 16 cm and bilinear between: level on average, without cliffs.
 
     Args:
         spec: the world.
-        height_m: from the lowest to the highest possible point, m.
-        seed: of the random heights.
+        height_m: difference between the lowest and the highest possible point, m.
+        seed: seed of the random heights.
     """
     coarse = np.random.default_rng(seed).random((_COARSE, _COARSE))
     rows = np.linspace(0.0, _COARSE - 1.0, _ROUGH_CELLS)
@@ -97,8 +97,8 @@ def add_block(spec: mujoco.MjSpec, block: Block, number: int) -> None:
 
     Args:
         spec: the world.
-        block: what to add.
-        number: makes its name unique.
+        block: the block to add.
+        number: number that makes its name unique.
     """
     half = [math.cos(0.5 * block.pitch_rad), 0.0, -math.sin(0.5 * block.pitch_rad), 0.0]
     loose = block.mass_kg > 0.0
@@ -116,7 +116,7 @@ def add_block(spec: mujoco.MjSpec, block: Block, number: int) -> None:
         name=name, type=mujoco.mjtGeom.mjGEOM_BOX, size=list(block.half_m), contype=1
     )
     geom.friction = [block.friction, 0.005, 0.0001]
-    # Wheels and hull meet any block. A free block also meets the floor and other blocks.
+    # Wheels and hull touch any block. A free block also touches the floor and other blocks.
     geom.conaffinity = 3 if loose and block.bearing == "none" else 0
     if loose:
         geom.mass = block.mass_kg

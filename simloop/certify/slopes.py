@@ -1,4 +1,4 @@
-"""Checks on slopes up, down and across, of braking, and of tipping over."""
+"""Check slopes up, down and across, braking, and tipping over."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _TILT_RADPS = 0.005
 
 
 def _crept(bench: Bench, seconds: float = 1.0) -> float:
-    """Mean speed, m/s, after two seconds in which the rubber takes up the load."""
+    """Measure the mean speed, m/s, after two seconds in which the rubber takes up the load."""
     bench.drive((0.0, 0.0), 2.0)
     start = bench.truth.position_m.copy()
     bench.drive((0.0, 0.0), seconds)
@@ -29,7 +29,7 @@ def _crept(bench: Bench, seconds: float = 1.0) -> float:
 
 
 def braked() -> Iterator[Check]:
-    """With brakes on, the vehicle holds on slopes up to atan(mu), and slides beyond (form 6).
+    """Check that brakes hold the vehicle on slopes up to atan(mu) and not beyond (form 6).
 
     Yields:
         Checks of creep and of acceleration.
@@ -54,14 +54,14 @@ def braked() -> Iterator[Check]:
 
 
 def _tilted(friction: float, angle: float) -> Iterator[tuple[str, Rig]]:
-    """Rigs with brakes on, on one slope in three directions."""
+    """Make rigs with brakes on, on one slope in three directions."""
     yield "nose up", Rig(friction=friction, pitch_rad=angle, braked=True)
     yield "nose down", Rig(friction=friction, pitch_rad=-angle, braked=True)
     yield "sideways", Rig(friction=friction, roll_rad=angle, braked=True)
 
 
 def unpowered() -> Iterator[Check]:
-    """Without brakes the gears hold up to W r sin t = 2 T + f W r cos t (form 6).
+    """Check that the gears alone hold up to W r sin t = 2 T + f W r cos t (form 6).
 
     Yields:
         Checks below and above that slope.
@@ -76,7 +76,7 @@ def unpowered() -> Iterator[Check]:
 
 
 def climbing() -> Iterator[Check]:
-    """At full current the vehicle climbs as far as thrust and grip allow, and no further (form 6).
+    """Check that at full current the limit of climbing is that of thrust and grip (form 6).
 
     Yields:
         Checks below and above the limit.
@@ -92,7 +92,7 @@ def climbing() -> Iterator[Check]:
             bench.drive((24.0, 24.0), 1.0)
             name = f"mu {friction}, {share} of the limit"
             yield verdict("climbing", name, bench.motion()[0] > 0.0, climbs)
-    # With a heavy load the driver's current is the limit, and not the grip.
+    # With a heavy load the limit is the driver's current, not the grip.
     heavy = Rig(friction=1.0, payload_kg=20.0, payload_m=(0.0, 0.0, 0.02))
     weight = heavy.build().weight_n
     thrust = 2.0 * (motor.torque_nm_per_a * (5.0 - motor.no_load_current_a)) / RADIUS_M
@@ -107,9 +107,9 @@ def climbing() -> Iterator[Check]:
 
 
 def driven() -> Iterator[Check]:
-    """Up, down and across a slope the tracks slip just enough to carry the weight (forms 5, 6).
+    """Check the shear on slopes: the tracks slip just enough to carry the weight (forms 5, 6).
 
-    The measured slip and drift are put into theory, which gives the force of the shear.
+    The closed form gives the force of the shear for the measured slip and drift.
 
     Yields:
         Checks of that force along and across the slope.
@@ -134,7 +134,7 @@ def driven() -> Iterator[Check]:
 
 
 def braking() -> Iterator[Check]:
-    """With locked belts it slows down by mu g cos t - g sin t (form 6).
+    """Check that locked belts slow the vehicle down by mu g cos t - g sin t (form 6).
 
     Yields:
         Checks of the deceleration, forwards and backwards, by belts and by brakes.
@@ -159,7 +159,7 @@ def braking() -> Iterator[Check]:
 
 
 def tipping() -> Iterator[Check]:
-    """On a slope that grows, it tips over its outermost wheels at tan t = x/h (form 6).
+    """Check on a growing slope that tipping over the outer wheels is at tan t = x/h (form 6).
 
     Yields:
         Checks of that angle over all four sides.

@@ -1,4 +1,4 @@
-"""Checks of turning on the spot, of steady turns, of the turning moment, and of payloads."""
+"""Check turning on the spot, steady turns, the turning moment, and payloads."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _CORNERS = (
 
 
 def _spun(rig: Rig, sprocket_radps: float = 4.0) -> Bench:
-    """A rig that has turned on the spot until its motion is steady."""
+    """Turn a rig on the spot until its motion is steady."""
     bench = rig.build()
     belt = sprocket_radps * RADIUS_M
     bench.run_belts(-belt, belt)
@@ -31,10 +31,10 @@ def _spun(rig: Rig, sprocket_radps: float = 4.0) -> Bench:
 
 
 def spin() -> Iterator[Check]:
-    """On the spot chi follows from B F = 2 m (form 2).
+    """Check that chi on the spot follows from B F = 2 m (form 2).
 
     Yields:
-        Checks of chi, to 0.5 % for the shipped vehicle and to 1 % for others.
+        Checks of chi, within 0.5 % for the shipped vehicle and 1 % for others.
     """
     ours = turning_theory.spin_ratio(0.415, 0.39)
     for friction in (0.2, 0.4, 0.6, 0.8, 1.0):
@@ -63,7 +63,7 @@ def spin() -> Iterator[Check]:
 
 
 def _turns() -> Iterator[tuple[str, Rig, tuple[float, float]]]:
-    """Steady turns: name, rig and belt speeds, m/s; other conditions at one ratio of belts."""
+    """List steady turns: name, rig and belt speeds, m/s. Most have the same ratio of belts."""
     for inner in (-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 0.9):
         yield f"inner/outer {inner:g}", Rig(), (inner * 0.12, 0.12)
     belts = (0.03, 0.12)
@@ -83,7 +83,7 @@ def _turns() -> Iterator[tuple[str, Rig, tuple[float, float]]]:
 
 
 def steady() -> Iterator[Check]:
-    """Steady turns follow from two balances of forces and one of moments (form 3).
+    """Check that steady turns follow from two balances of forces and one of moments (form 3).
 
     Yields:
         Checks of yaw rate and speed.
@@ -99,10 +99,10 @@ def steady() -> Iterator[Check]:
 
 
 def sideways() -> Iterator[Check]:
-    """Turned by hand, belts that slip sideways only resist with mu W L/4 (form 4).
+    """Check that belts with sideways slip only resist a turn with mu W L/4 (form 4).
 
-    The form is Coulomb's, so the shear modulus is a fifth of the usual one: else the shear that
-    builds up over the first millimetres would count.
+    The form uses Coulomb's law, so the shear modulus is a fifth of the usual one. Otherwise the
+    shear that builds up over the first millimetres would change the moment.
 
     Yields:
         Checks of the moment.
@@ -120,7 +120,7 @@ def sideways() -> Iterator[Check]:
 
 
 def payload() -> Iterator[Check]:
-    """A payload shifts the road wheels' loads and the centres of rotation (form 3).
+    """Check that a payload shifts the wheel loads and the centres of rotation (form 3).
 
     Yields:
         Checks of loads against beam statics, and of the centres.

@@ -1,7 +1,7 @@
 """Every setting of the simulator, with its unit and default: frozen, nested, validated.
 
-Each stage reads its own section and no other. The sections mirror the tables of a scenario file;
-``--set section.key=value`` reaches every one of them.
+Each stage reads only its own section. The sections are the tables of a scenario file.
+``--set section.key=value`` can change every one of them.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Config:
-    """The whole simulator but for the scenario's own facts (arena, start, goal)."""
+    """All settings except the scenario's own keys (arena, start, goal, ...)."""
 
     rates: RatesConfig = Field(default_factory=RatesConfig)
     vehicle: VehicleConfig = Field(default_factory=VehicleConfig)
@@ -121,4 +121,4 @@ MOVED_KEYS = {
     "tracker.back_off_m": "recovery.back_off_m",
     "tracker.back_off_mps": "recovery.back_off_mps",
 }
-"""Keys of older scenario files, each with the key that it is now; both are read."""
+"""Old key -> present key. Older scenario files use the old keys; both are read."""

@@ -20,19 +20,19 @@ class TrackerConfig:
     """Path tracking: the gains of the control law and the speed along the path.
 
     Speed is limited by curvature (yaw rate, lateral acceleration), by clearance (creep_mps at the
-    safety distance, full speed open_clearance_m further out) and by braking before the end.
+    safety distance, full speed open_clearance_m farther away) and by braking before the end.
 
     Attributes:
         max_lateral_accel_mps2: Largest centripetal acceleration in a bend, m/s^2.
-        creep_mps: Speed where the path only just keeps the safety distance, m/s.
+        creep_mps: Speed where the path keeps exactly the safety distance, m/s.
         open_clearance_m: Clearance beyond the safety distance that allows full speed, m.
         lateral_gain_1pm2: Yaw rate per metre of lateral error and m/s of speed, 1/m^2.
         heading_gain_1pm: Yaw rate per radian of heading error and m/s of speed, 1/m.
         turn_gain_1ps: Yaw rate per radian of heading error in a turn on the spot, 1/s.
         turn_on_spot_rad: Heading error at which the robot stops and turns on the spot, rad.
-        turn_on_spot_with_camera_rad: The same limit while the depth camera is enabled, rad, if it
-            is smaller. The camera sees some things only ahead, so the robot turns to where it
-            will go before it goes there.
+        turn_on_spot_with_camera_rad: Replaces this limit while the depth camera is enabled, if it
+            is smaller, rad. The camera sees low obstacles only ahead, so the robot turns to its
+            new direction before it drives.
         end_turn_rad: Heading error at which a turn on the spot ends, rad.
         goal_margin_m: How far inside the goal's tolerance the robot stops, m.
     """
@@ -51,17 +51,16 @@ class TrackerConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class DriveConfig:
-    """What the tracks may be asked for, and the loops that hold the sprockets' speeds.
+    """Limits of the commands to the tracks, and gains of the sprockets' speed control.
 
     Attributes:
         max_speed_mps: Largest forward or backward speed, m/s.
         max_track_speed_mps: Largest belt speed of one track, m/s.
         max_yaw_rate_radps: Largest yaw rate, rad/s.
         max_accel_mps2: Largest increase of speed, m/s^2.
-        max_decel_mps2: Deceleration that paths are planned with, and that the collision monitor
-            counts on, m/s^2.
-        max_brake_mps2: Largest deceleration that is commanded, m/s^2: more than what is planned
-            with, so that there is room for correction.
+        max_decel_mps2: Deceleration that path planning and the collision monitor assume, m/s^2.
+        max_brake_mps2: Largest commanded deceleration, m/s^2. It is larger than the planned one,
+            so there is room for correction.
         max_yaw_accel_radps2: Largest change of the yaw rate, rad/s^2.
         angle_gain_v_per_rad: Gain of the sprockets' angle error, V/rad.
         angle_error_limit_rad: Limit of the sprockets' angle error, rad (anti-windup).
@@ -86,13 +85,13 @@ class DriveConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class MonitorConfig:
-    """The collision monitor: from each commanded velocity the robot can stop in time.
+    """The collision monitor: the robot can stop in time from each commanded velocity.
 
     Attributes:
-        margin_m: Distance that the footprint keeps from what has been seen, m. Up to 9 mm of it
-            are taken by the steps in which an arc is examined.
-        reaction_s: Time for which a velocity is taken to continue before braking begins, s.
-        scans: Number of the latest scans that are remembered.
+        margin_m: Distance that the footprint keeps from observed obstacles, m. The step size along
+            an arc uses up to 9 mm of it.
+        reaction_s: Time for which a velocity is assumed to continue before braking begins, s.
+        scans: Number of latest scans to remember.
     """
 
     margin_m: NonNegative = 0.012
@@ -102,26 +101,26 @@ class MonitorConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class SeparationConfig:
-    """Keeping apart from what moves (ISO/TS 15066; passive safety, Macek et al. 2009).
+    """Separation from moving obstacles (ISO/TS 15066; passive safety, Macek et al. 2009).
 
     Attributes:
-        margin_m: Distance that is kept from a mover until the robot stands, m.
-        decel_mps2: Deceleration of an emergency stop that is counted on, m/s^2.
-        grows_mps: Speed at which a mover's disc grows about its prediction, m/s.
-        grows_share: The same as a share of the mover's speed.
-        stands_mps: A mover slower than this is taken to stand, m/s.
-        stale_s: Age of the tracks after which the robot stands, s.
-        horizon_s: How far ahead encounters are predicted, s.
-        threat_m: A predicted distance below this is worth an evasive motion, m.
-        worth_m: Predicted distance that an evasive motion must gain, m.
-        comfort_m: Predicted distance beyond which more is worth nothing, m: of the motions that
-            keep it, the one nearest to what is asked is taken.
-        keep_s: How long an evasive motion is kept, s.
-        restless_s: Time that a standing robot needs to get under way, s. It does not set off
-            while something that moved lately can reach it within this time.
-        patience_s: Longest time for which it waits so, s.
-        visit_memory_s: Time for which the robot remembers that something that moves came within
-            the margin, s. Until then it expects that things may turn round and come back.
+        margin_m: Distance to keep from a mover until the robot stands, m.
+        decel_mps2: Deceleration that an emergency stop is assumed to have, m/s^2.
+        grows_mps: Speed at which a mover's disc grows around its prediction, m/s.
+        grows_share: Additional growth speed, as a share of the mover's speed.
+        stands_mps: A slower mover is assumed to stand, m/s.
+        stale_s: Age of the tracks after which the robot stops, s.
+        horizon_s: Time over which encounters are predicted, s.
+        threat_m: Predicted distance below which the robot looks for an evasive motion, m.
+        worth_m: Distance that an evasive motion must gain over standing, m.
+        comfort_m: Predicted distance that is large enough, m. Of the motions that keep it, the one
+            nearest to the requested motion is selected.
+        keep_s: Time for which an evasive motion is kept, s.
+        restless_s: Time that a standing robot needs to drive off, s. It does not drive off while
+            something that moved lately can reach it within this time.
+        patience_s: Longest time of this wait, s.
+        visit_memory_s: Time for which the robot remembers that a mover came within the margin, s.
+            During this time it expects that movers may turn round and come back.
     """
 
     margin_m: NonNegative = 0.06
@@ -142,13 +141,13 @@ class SeparationConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class RecoveryConfig:
-    """What counts as being stuck, and how the robot frees itself.
+    """Definition of being stuck, and the way in which the robot frees itself.
 
     Attributes:
         stuck_s: Time without progress after which the robot is stuck, s.
         back_off_m: Distance after which a recovery ends, m.
         back_off_mps: Speed of a recovery, m/s.
-        attempts: Recoveries after which the robot gives up.
+        attempts: Number of recoveries after which the robot gives up.
     """
 
     stuck_s: Positive = 1.0
@@ -159,14 +158,14 @@ class RecoveryConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class WatchdogConfig:
-    """What is too old to drive by.
+    """Age limits of the data that the robot drives by.
 
     Attributes:
-        path_frames: Frames of the planner (``rates.plan_s``) after which the robot stops on a path
-            that no newer one has followed.
-        estimate_s: Time by which the estimate may lag behind the robot's beat, s.
-        image_s: Time without an image of the depth camera, where there is one, s.
-        unheard_mps: Speed while neither belt's counts are to be had, m/s.
+        path_frames: Age limit of a path, in frames of the planner (``rates.plan_s``). The robot
+            stops if there is no newer path.
+        estimate_s: Largest delay of the estimate, s.
+        image_s: Longest time without an image, if there is a depth camera, s.
+        unheard_mps: Speed limit while neither belt's counts are available, m/s.
     """
 
     path_frames: Annotated[float, Field(ge=1.0, le=1e6)] = 3.0

@@ -32,13 +32,13 @@ class PlannerConfig:
         idle_generations: Generations without improvement that end the search.
         max_evaluations: Evaluations that end the search.
         safe_distance_m: Clearance that the path keeps, m.
-        squeeze_m: What may be given up of it where that saves a long way round, m.
-        prefer_m: What a wider way has over it, m.
-        prefer_share: By how much more, as a share of J, a wider way may cost to be taken.
+        squeeze_m: Part of safe_distance_m that may be given up to avoid a long detour, m.
+        prefer_m: Clearance of a wider path in addition to safe_distance_m, m.
+        prefer_share: A wider path is selected if its J is at most this share larger.
         precise: Whether to search longer than a frame of the loop allows.
-        latency: Whether planning is charged ``latency_s`` a plan or ``per_evaluation``.
+        latency: Model of the planning time: ``latency_s`` for each plan, or ``per_evaluation``.
         latency_s: Simulated time that planning takes, s.
-        options: Of the planner that is named, see docs/planners.md.
+        options: Options of the selected planner, see docs/planners.md.
     """
 
     name: str = "tlbo"
@@ -66,12 +66,12 @@ class SmootherConfig:
     Attributes:
         spacing_m: Distance of the path's samples, m.
         max_cut_m: Largest distance from a corner at which its curve begins, m.
-        min_cut_m: Least such distance, m.
-        extra_room_m: What the path keeps over the safety distance where there is room for it, m.
+        min_cut_m: Smallest such distance, m.
+        extra_room_m: Clearance in addition to the safety distance, where there is room for it, m.
         lead_in_m: Length of the lead-in, m.
-        lead_in_max_turn_rad: Largest turn that the lead-in makes, rad.
-        lead_in_max_turn_with_camera_rad: The same while the depth camera is enabled, rad, if it
-            is smaller.
+        lead_in_max_turn_rad: Largest turn of the lead-in, rad.
+        lead_in_max_turn_with_camera_rad: Replaces this limit while the depth camera is enabled, if
+            it is smaller, rad.
     """
 
     spacing_m: Annotated[float, Field(ge=0.001, le=1.0)] = 0.02

@@ -37,10 +37,10 @@ class ImuConfig:
     Attributes:
         gyro_noise_radps_rthz: White noise of the gyro, rad/s/sqrt(Hz).
         gyro_bias_radps: Standard deviation of its bias at the start, rad/s.
-        gyro_bias_walk_radps_rts: Walk of its bias, rad/s/sqrt(s).
+        gyro_bias_walk_radps_rts: Random walk of its bias, rad/s/sqrt(s).
         accel_noise_mps2_rthz: White noise of the accelerometer, m/s^2/sqrt(Hz).
         accel_bias_mps2: Standard deviation of its bias at the start, m/s^2.
-        accel_bias_walk_mps2_rts: Walk of its bias, m/s^2/sqrt(s).
+        accel_bias_walk_mps2_rts: Random walk of its bias, m/s^2/sqrt(s).
     """
 
     gyro_noise_radps_rthz: NonNegative = 1.75e-4
@@ -53,10 +53,10 @@ class ImuConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class LidarConfig:
-    """A turning LiDAR, like an RPLIDAR.
+    """A rotating LiDAR, like an RPLIDAR.
 
     Attributes:
-        rays: Beams of one turn.
+        rays: Number of beams in one turn.
         range_min_m: Least range, m.
         range_max_m: Greatest range, m.
         noise_m: Standard deviation of a range, m.
@@ -83,14 +83,14 @@ class CameraConfig:
     and ``smoother.lead_in_max_turn_with_camera_rad``.
 
     Attributes:
-        enabled: Whether there is one.
+        enabled: Whether the robot has a camera.
         period_s: Time from one image to the next, s.
         columns: Width of an image, pixels.
         rows: Height of an image, pixels.
         fov_rad: Horizontal and vertical field of view, rad.
         range_min_m: Least depth along the optical axis, m.
         range_max_m: Greatest depth, m.
-        noise_1pm: Standard deviation over the squared depth, 1/m, as triangulation has it.
+        noise_1pm: Standard deviation over the squared depth, as for triangulation, 1/m.
         dropout: Share of the pixels that stay empty.
     """
 
@@ -117,21 +117,21 @@ class EkfConfig:
     The walk of the tracks' centres of rotation is per square root of a metre of belt.
 
     Attributes:
-        speed_walk: Of the speed, m/s.
-        yaw_rate_walk: Of the yaw rate, rad/s.
-        lateral_walk: Of the place to the side, m.
-        gyro_bias_walk: Of the gyro's bias, rad/s.
-        gauge_ratio_walk: Of the gauge ratio, per sqrt(m).
-        gauge_ratio: The gauge ratio at the start.
+        speed_walk: Random walk of the speed, m/s.
+        yaw_rate_walk: Random walk of the yaw rate, rad/s.
+        lateral_walk: Random walk of the lateral position, m.
+        gyro_bias_walk: Random walk of the gyro's bias, rad/s.
+        gauge_ratio_walk: Random walk of the gauge ratio, per sqrt(m).
+        gauge_ratio: Initial gauge ratio.
         gauge_ratio_std: Its standard deviation.
-        icr_walk: Of the centres of rotation, m per sqrt(m).
-        icr_std_m: Their standard deviation at the start, m.
-        gyro_bias_std: What a start-up calibration leaves of the gyro's bias, rad/s.
-        encoder_slip_mps: Standard deviation of a belt's speed by its encoder, m/s.
-        map_std_xy_m: Error with which a whole new view enters the map, m: one scan's fit and the
-            cells' grain.
-        map_std_yaw_rad: The same of the yaw, rad.
-        gate_probability: Probability with which a right measurement passes the gate.
+        icr_walk: Random walk of the centres of rotation, m per sqrt(m).
+        icr_std_m: Their initial standard deviation, m.
+        gyro_bias_std: Standard deviation of the gyro's bias after a start-up calibration, rad/s.
+        encoder_slip_mps: Standard deviation of a belt speed measured by its encoder, m/s.
+        map_std_xy_m: Error of a whole new view in the map, m, from one scan's fit and the size of
+            the cells.
+        map_std_yaw_rad: The same for the yaw, rad.
+        gate_probability: Probability that a correct measurement passes the gate.
     """
 
     speed_walk: Positive = 0.1
@@ -156,23 +156,23 @@ class SlamConfig:
 
     Attributes:
         resolution_m: Size of a cell, m.
-        hit_log_odds: What a hit adds to a cell.
-        miss_log_odds: What a beam that passes takes from it.
+        hit_log_odds: Increment of a cell for a hit.
+        miss_log_odds: Decrement of a cell for a beam that passes through it.
         max_log_odds: Bound of a cell's log-odds.
         occupied_log_odds: Log-odds above which a cell is occupied.
         search_xy_m: Half width of the search window, m.
         search_yaw_rad: Half width of the search window, rad.
-        search_points: Points of a scan that are used in the search.
-        grain_m: How far a hit may lie from its surface, m.
-        refine_steps: Steps of the refinement at most.
-        least_overlap: Share of the points that must meet the map.
-        most_residual: Mean squared residual up to which a match is trusted.
-        match_std_xy_m: What the cells' grain adds to every fix, m.
-        match_std_yaw_rad: The same of the yaw, rad.
-        beyond_m: How far past the goal waypoints may lie, m.
-        prior_map: A map_server map (.yaml) that is known from the beginning, in its own resolution.
-        extend_map: Whether what is seen is entered in the map.
-        max_cells: Cells to which the map may grow, at 34 bytes each (8 million cells of 5 cm:
+        search_points: Number of points of a scan in the search.
+        grain_m: Largest distance of a hit from its surface because of the cell size, m.
+        refine_steps: Most steps of the refinement.
+        least_overlap: Least share of the points that must match the map.
+        most_residual: Largest mean squared residual of a valid match.
+        match_std_xy_m: Standard deviation that the cell size adds to every fix, m.
+        match_std_yaw_rad: The same for the yaw, rad.
+        beyond_m: Distance past the goal in which waypoints may lie, m.
+        prior_map: A map_server map (.yaml) that is known from the start, in its own resolution.
+        extend_map: Whether observations are added to the map.
+        max_cells: Largest number of cells of the map, at 34 bytes each (8 million cells of 5 cm:
             20 000 square metres, 270 MB).
     """
 
@@ -198,14 +198,14 @@ class SlamConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class LowObstaclesConfig:
-    """What in a depth image is in the robot's way.
+    """Detection of obstacles in a depth image.
 
     Attributes:
-        step_m: Least rise that is an obstacle, m.
-        slope: Least slope of the rise: ramps are no obstacles.
-        height_m: Height over the ground up to which something is in the way, m.
-        reach_m: Distance up to which obstacles are looked for, m.
-        clear_m: Distance up to which visible ground tells that nothing stands there any more, m.
+        step_m: Least rise of an obstacle, m.
+        slope: Least slope of the rise. Ramps are not obstacles.
+        height_m: Greatest height over the ground that is in the robot's way, m.
+        reach_m: Greatest distance at which obstacles are detected, m.
+        clear_m: Distance up to which visible ground removes an obstacle that was there, m.
     """
 
     step_m: Positive = 0.025

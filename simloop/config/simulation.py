@@ -21,9 +21,9 @@ from simloop.common.quantities import (
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class RatesConfig:
-    """Periods. Physics divides control; control divides the LiDAR's and the planner's.
+    """Periods. Physics divides control. Control divides the periods of LiDAR and planner.
 
-    Encoders and IMU are read once a control period.
+    Encoders and IMU are read once per control period.
 
     Attributes:
         physics_s: One step of MuJoCo, s.
@@ -39,7 +39,7 @@ class RatesConfig:
 
     @model_validator(mode="after")
     def _periods_divide(self) -> RatesConfig:
-        """Integer ratios, checked in whole nanoseconds: no period may drift against another."""
+        """Check for integer ratios in whole nanoseconds: no period may drift against another."""
         pairs = (("control_s", "physics_s"), ("lidar_s", "control_s"), ("plan_s", "control_s"))
         for slow, fast in pairs:
             long_s, short_s = getattr(self, slow), getattr(self, fast)
@@ -52,7 +52,7 @@ Friction = Annotated[float, Field(gt=0.0, le=2.0)]
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class FrictionZone:
-    """A rectangle of ground with a friction of its own.
+    """A rectangle of ground with its own friction.
 
     Attributes:
         min_m: Lower left corner (x, y) in map, m.
@@ -73,10 +73,10 @@ class FrictionZone:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class FrictionImage:
-    """A grey image of the ground's friction, its upper edge at the largest y.
+    """A grey image of the ground's friction. Its upper edge is at the largest y.
 
-    Each place has the friction of its nearest pixel; greys are between black and white in
-    proportion.
+    Each place has the friction of its nearest pixel. Grey values are interpolated between black
+    and white.
 
     Attributes:
         file: PNG, relative to the scenario's file.
@@ -105,8 +105,8 @@ class TracksConfig:
 
     Attributes:
         friction: Coulomb coefficient of the ground.
-        zones: Rectangles with another friction; where they overlap the last one holds. They lie
-            over ``friction_image``, and that over ``friction``.
+        zones: Rectangles with another friction. Where they overlap the last one holds. They cover
+            ``friction_image``, which covers ``friction``.
         friction_image: An image of the friction.
         shear_modulus_m: Shear displacement at which the friction is reached, m.
         shear_damping_s: Damping of the shear, s.
@@ -123,7 +123,7 @@ class TracksConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class MotorConfig:
-    """EMG49 (24 V, 49:1) behind an MD49 driver; all figures at the output shaft.
+    """EMG49 (24 V, 49:1) with an MD49 driver. All values are at the output shaft.
 
     Attributes:
         supply_v: Voltage of the supply, V.
@@ -131,7 +131,7 @@ class MotorConfig:
         torque_nm_per_a: Torque per current, N m/A.
         back_emf_v_per_radps: Voltage per speed, V s/rad.
         no_load_current_a: Current that overcomes the gears' friction, A.
-        current_limit_a: Current limit of the driver, A a motor.
+        current_limit_a: Current limit of the driver, A per motor.
         brake_torque_nm: Torque of a holding brake on each sprocket, N m. It is not part of the
             EMG49: shorted motors and gear friction alone hold 0.5 N m each, a slope of 15 degrees.
         rotor_inertia_kgm2: Reflected inertia of the rotor, kg m^2.
@@ -149,12 +149,12 @@ class MotorConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class VehicleConfig:
-    """The robot's body, as its own software knows it (Sabiha 2022, Table 3).
+    """The robot's body as its own software knows it (Sabiha 2022, Table 3).
 
-    These figures change nothing of the plant, whose true measures stand in the vehicle's model.
+    These values do not change the plant. Its true sizes are in the vehicle's model.
 
     Attributes:
-        gauge_m: Distance between the tracks' middles, m.
+        gauge_m: Distance between the tracks' centre lines, m.
         sprocket_radius_m: Radius of the sprockets, m.
         length_m: Length of the footprint, m.
         width_m: Width of the footprint, m.
@@ -172,7 +172,7 @@ class VehicleConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class PayloadConfig:
-    """A load on the chassis of which the robot's software knows nothing.
+    """A load on the chassis. The robot's software does not know it.
 
     Attributes:
         mass_kg: Its mass, kg.

@@ -1,1 +1,1 @@
-"""How a run is judged: its outcome, its figures and the yardsticks beside them."""
+"""Evaluation of a run: its outcome, its metrics and the references to compare them with."""

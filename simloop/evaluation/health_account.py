@@ -1,4 +1,4 @@
-"""Compares what the robot reported about its localisation with the ground truth."""
+"""Compare what the robot reported about its localisation with the ground truth."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ import numpy as np
 from simloop.messages import FloatArray, Health, HealthState
 
 WRONG_M, WRONG_RAD = 0.1, 0.1
-"""A pose with a larger error than one of these is wrong."""
-_MOVING_M = 2e-4  # in one control period of 0.01 s: 2 cm/s
+"""A pose is wrong if its error is larger than one of these."""
+_MOVING_M = 2e-4  # motion in one control period of 0.01 s above which the robot moves: 2 cm/s
 
 
 def health_account(
     reports: Sequence[Health], t_ns: FloatArray, error: FloatArray, truth: FloatArray
 ) -> dict[str, Any]:
-    """Sum up how long the robot was in each state of health, and how long it was wrong.
+    """Compute how long the robot was in each state of health, and how long it was wrong.
 
     Args:
-        reports: The robot's reports in order. There is one at each change of its health; before
+        reports: The robot's reports in order. There is one at each change of its health. Before
             the first one the robot is ``ok``.
         t_ns: (n,) instants of the estimates, ns.
         error: (n, 3) errors of the estimates in x, y, m, and yaw, rad.
@@ -32,7 +32,7 @@ def health_account(
         with a wrong pose and reported ``ok``.
     """
     period_s = float(np.median(np.diff(t_ns))) * 1e-9 if len(t_ns) > 1 else 0.0
-    # current[i] is the number of the report in force at estimate i; 0 is before the first.
+    # current[i] is the number of the report that is valid at estimate i; 0 is before the first.
     changes = np.array([report.t_ns for report in reports], np.int64)
     current = changes.searchsorted(t_ns, side="right")
     ticks = np.bincount(current, minlength=len(reports) + 1)

@@ -1,7 +1,7 @@
-"""The figures of a run, computed from the ground truth and the robot's messages.
+"""Compute the metrics of a run from the ground truth and the robot's messages.
 
-During the run only references to the messages' arrays are kept, which costs well under a
-microsecond a message. All arithmetic, the shortest path included, follows after the run.
+During the run only references to the messages' arrays are kept. This costs well under a
+microsecond per message. All arithmetic, including the shortest path, is done after the run.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ _NEES_PERIOD_NS = 100_000_000
 
 
 class RunMetrics:
-    """Collects the messages of a run and computes its figures once it is over."""
+    """Collects the messages of a run and computes its metrics after the run."""
 
     def __init__(self, scenario: Scenario, floor: FloorPlan, body: Body) -> None:
         """Prepare for one run.
 
         Args:
-            scenario: What is run.
+            scenario: The scenario of the run.
             floor: True floor plan, for clearance and shortest path.
             body: True outline of the vehicle.
         """
@@ -55,7 +55,7 @@ class RunMetrics:
         self._health: list[Health] = []
 
     def offer(self, message: object) -> None:
-        """Keep what the figures need of a message; other kinds are ignored.
+        """Keep the parts of a message that the metrics need, and ignore other kinds.
 
         Args:
             message: Any message of the run. One ``Truth`` is expected in each control period.
@@ -96,7 +96,7 @@ class RunMetrics:
         plan_ms: Sequence[float],
         goal: FloatArray | None = None,
     ) -> dict[str, Any]:
-        """Compute the figures of the run.
+        """Compute the metrics of the run.
 
         Args:
             outcome: The referee's decision.
@@ -107,7 +107,7 @@ class RunMetrics:
                 are then measured to there.
 
         Returns:
-            The figures that ``simloop run --json`` writes; a figure that does not exist is None.
+            The metrics that ``simloop run --json`` writes; a metric that does not exist is None.
         """
         if goal is not None:
             self._goal = (float(goal[0]), float(goal[1]))
@@ -135,7 +135,7 @@ class RunMetrics:
         }
 
     def _path_figures(self, outcome: Outcome, poses: FloatArray) -> dict[str, Any]:
-        """Lengths, SPL and clearance of the true path with poses (N, 3), one a control period.
+        """Compute lengths, SPL and clearance of the true path (N, 3), one pose a control period.
 
         spl = success x shortest / max(path, shortest), after Anderson et al. 2018, "On Evaluation
         of Embodied Navigation Agents".
@@ -154,7 +154,7 @@ class RunMetrics:
         }
 
     def _planning_figures(self, plan_ms: Sequence[float]) -> dict[str, Any]:
-        """Number and cost of the planner's calls; the first plan is no replan."""
+        """Compute number and cost of the planner's calls. The first plan is not a replan."""
         return {
             "replans": max(0, len(self._evaluations) - 1),
             "plan_ms_p50": float(np.percentile(plan_ms, 50)) if len(plan_ms) else None,
@@ -163,12 +163,12 @@ class RunMetrics:
         }
 
     def _shortest_m(self) -> float | None:
-        """Length, m, of the shortest safe path to the goal's tolerance, in the true floor plan.
+        """Compute the length, m, of the shortest safe path to the goal's tolerance.
 
-        The path is that of a disc with the footprint's radius. With L the shortest way to the
-        goal itself, the length is exactly L - tolerance: the way crosses the circle of the
-        tolerance there or before, and no point in the circle can be more than the tolerance
-        nearer to the start.
+        The path is that of a disc with the footprint's radius in the true floor plan. If L is the
+        shortest path to the goal itself, the length is exactly L - tolerance. The path reaches the
+        circle of the tolerance there or earlier, and no point of the circle can be nearer to the
+        start by more than the tolerance.
         """
         scenario = self._scenario
         radius_m = self._body.footprint_radius_m
@@ -176,10 +176,10 @@ class RunMetrics:
         return None if length_m is None else max(0.0, length_m - scenario.goal_tolerance_m)
 
     def _estimation_errors(self, poses: FloatArray) -> dict[str, Any]:
-        """Errors of the estimates against the true poses (N, 3), without any alignment.
+        """Compute the errors of the estimates against the true poses (N, 3), without alignment.
 
-        Both start from the same known pose in map. nees_mean is the mean over x, y, yaw at 10 Hz;
-        a consistent filter has 3 (Bar-Shalom et al. 2001, Sec. 5.4).
+        Both start from the same known pose in map. nees_mean is the mean over x, y, yaw at 10 Hz.
+        It is 3 for a consistent filter (Bar-Shalom et al. 2001, Sec. 5.4).
         """
         if not self._states or not len(poses):
             return {"ate_rmse_m": None, "yaw_rmse_rad": None, "nees_mean": None, "health": None}
@@ -203,7 +203,7 @@ class RunMetrics:
 def _shortest_m(
     floor: FloorPlan, start: tuple[float, float], goal: tuple[float, float], radius_m: float
 ) -> float | None:
-    """Length, m; cached, because it takes seconds among many obstacles and seeds share it."""
+    """Compute the length, m. Cached, because it may take seconds and seeds share it."""
     way = shortest_path(floor, np.array(start), np.array(goal), radius_m)
     return None if way is None else way.length_m
 

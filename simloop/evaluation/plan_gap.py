@@ -1,6 +1,6 @@
-"""What each replan came to, beside the exact optimum among the discs of the same view.
+"""Compare each replan with the exact optimum among the discs of the same view.
 
-The robot sees nothing of it. It is computed when the run is over, because one optimum takes some
+The robot does not see the result. It is computed after the run, because one optimum takes about
 40 ms.
 """
 
@@ -26,21 +26,21 @@ class PlanRecord:
     Attributes:
         t_s: Simulated time of the view, s.
         planner: Name of the planner.
-        reason: Why the plan was asked for.
-        safe: Whether the plan keeps its safe distance all along.
-        evaluations: How many paths and segments were tried.
-        generations: How many generations a population went through.
-        cost: J, the start turn included and, where the plan is not safe, the penalty.
+        reason: Why the plan was requested.
+        safe: Whether the whole plan keeps its safe distance.
+        evaluations: Number of paths and segments that were evaluated.
+        generations: Number of generations of a population.
+        cost: J, including the start turn and, if the plan is not safe, the penalty.
         length_m: Length of the polyline, m.
         turning_rad: Sum of its turns, rad.
-        safe_distance_m: Distance from obstacles that the plan was asked to keep, m.
-        start_turn_cost: The part of ``cost`` that is the turn from the robot's heading to the
+        safe_distance_m: Distance from obstacles that the plan had to keep, m.
+        start_turn_cost: Part of ``cost`` for the turn from the robot's heading to the first
             first segment.
-        exact_cost: Least J without a start turn, of a point among the view's discs that keeps
+        exact_cost: Least J without a start turn, for a point among the view's discs that keeps
             the plan's safe distance; None if there is no such path.
-        gap_percent: By how much ``cost`` without the start turn exceeds ``exact_cost``, %; None
-            if the plan is not safe. The discs cover more than the map's cells do, in which most
-            planners plan, so the gap may be below zero.
+        gap_percent: Excess of ``cost`` without the start turn over ``exact_cost``, %; None if the
+            plan is not safe. Most planners use the map's cells, and the discs cover more than the
+            cells do, so the gap may be below zero.
     """
 
     t_s: float
@@ -59,7 +59,7 @@ class PlanRecord:
 
 
 class PlanLog:
-    """Listens to a run's messages and keeps the plans with the views that they were made in."""
+    """Listens to a run's messages, and keeps the plans with their views."""
 
     def __init__(self, config: PlannerConfig) -> None:
         self._config = config
@@ -78,10 +78,10 @@ class PlanLog:
             self._views[message.t_ns] = message
 
     def records(self) -> list[PlanRecord]:
-        """Compute the records of all plans so far, the first plan included.
+        """Compute the records of all plans so far, including the first.
 
         Returns:
-            One record a plan, in order.
+            One record for each plan, in order.
         """
         return [self._record(plan, self._views[plan.t_ns]) for plan in self._plans]
 
@@ -119,17 +119,17 @@ def least_cost(
     *,
     safe_distance_m: float,
 ) -> float | None:
-    """Return the least J of a point among a view's discs, without a start turn.
+    """Compute the least J of a point among a view's discs, without a start turn.
 
-    A disc that is nearer to an end than the safe distance is made smaller until the end keeps it,
-    because the robot stands there already.
+    If a disc is nearer to an end than the safe distance, its radius is reduced until the end keeps
+    that distance, because the robot is already there.
 
     Args:
         config: The weights of length and turning.
-        view: The view that was planned in, in map.
+        view: The view of the plan, in map.
         start: (2,) x, y in map, m.
         goal: (2,) x, y in map, m.
-        safe_distance_m: Distance from the discs that a path has to keep, m.
+        safe_distance_m: Distance from the discs that a path must keep, m.
 
     Returns:
         J of the exact optimum; None if there is no path, or if start and goal are the same place.

@@ -1,4 +1,4 @@
-"""Records where a figure comes from: versions of the packages, and the machine."""
+"""Record the origin of a result: versions of the packages, and the machine."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def versions() -> dict[str, str]:
 
 
 def machine() -> dict[str, Any]:
-    """Describe the machine on which figures are measured.
+    """Describe the machine on which a result is measured.
 
     Returns:
         ``cpu``, ``cores`` and ``platform``.
@@ -45,7 +45,7 @@ def machine() -> dict[str, Any]:
 
 
 def _cpu_name() -> str:
-    """The processor's name, from the optional package py-cpuinfo if it is there."""
+    """Read the processor's name, from the optional package py-cpuinfo if it is installed."""
     try:
         import cpuinfo
     except ImportError:

@@ -1,4 +1,4 @@
-"""The referee: the one place that decides how a run ends."""
+"""The referee: the only place that decides how a run ends."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _STANDING_MPS = 0.01
 
 
 class Outcome(StrEnum):
-    """How a run ended; the value is the word that results and tables contain."""
+    """The end of a run. The value is the word in results and tables."""
 
     REACHED = "reached"
     """The robot reports arrival, stands, and is within the goal's tolerance."""
@@ -34,12 +34,12 @@ class Outcome(StrEnum):
 
     @property
     def success(self) -> bool:
-        """Whether the robot did its task."""
+        """Whether the robot completed its task."""
         return self is Outcome.REACHED
 
     @property
     def description(self) -> str:
-        """The outcome in words for a person."""
+        """The outcome in words."""
         return _DESCRIPTIONS[self]
 
 
@@ -61,7 +61,7 @@ _REPORTED_FAILURES = {
 
 
 class Referee:
-    """Judges each control period from the ground truth and the robot's report."""
+    """Decides after each control period, from the ground truth and the robot's report."""
 
     def __init__(self, goal_tolerance_m: float, time_limit_s: float, goal_moves: bool) -> None:
         """Set the rules of one run.
@@ -69,7 +69,7 @@ class Referee:
         Args:
             goal_tolerance_m: Largest distance of base_link from the goal that counts as reached.
             time_limit_s: Simulated time after which the run is over.
-            goal_moves: Whether the goal moves. The robot then need not stand at it.
+            goal_moves: Whether the goal moves. Then the robot need not stand at it.
         """
         self._tolerance_m = goal_tolerance_m
         self._limit_ns = round(time_limit_s * 1e9)
@@ -78,8 +78,8 @@ class Referee:
     def judge(self, truth: Truth, status: RobotStatus, goal_m: FloatArray) -> Outcome | None:
         """Decide whether the run ends in this control period.
 
-        A collision comes before everything that the robot reports, and the report comes before
-        the time limit. A robot that reports arrival while it still rolls is not judged yet.
+        A collision has priority over the robot's report, and the report over the time limit. A
+        robot that reports arrival while it still moves is not judged yet.
 
         Args:
             truth: Ground truth at the end of the period.

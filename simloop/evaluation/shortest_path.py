@@ -1,8 +1,8 @@
-"""Finds the shortest safe path in the true floor plan, the yardstick for the path of a run.
+"""Find the shortest safe path in the true floor plan, the reference for the path of a run.
 
 The result is exact except for rounding. Each convex outline, grown by the robot's radius, is
 bounded by arcs about its vertices and by edges that are tangents of two such arcs. A shortest path
-among grown outlines consists of common tangents and arcs only (the tangent graph), so Dijkstra's
+among grown outlines consists only of common tangents and arcs (the tangent graph), so Dijkstra's
 algorithm on that graph finds it.
 """
 
@@ -20,7 +20,7 @@ from simloop.messages import FloatArray
 from simloop.worlds.floor_plan import FloorPlan, outline_edges, segment_distances
 
 _SLACK_M = 1e-6
-"""Tolerance of distances: a tangent touches the circle that it belongs to."""
+"""Tolerance of distances, because a tangent touches its own circle."""
 _ARC_STEP_RAD = math.radians(2.0)
 _BATCH = 4096
 
@@ -40,7 +40,7 @@ class ShortestPath:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Circles:
-    """The circles that a path can follow, one about each vertex of an outline.
+    """The circles that a path can follow, one around each vertex of an outline.
 
     Attributes:
         centre_m: (N, 2) centres in map, m.
@@ -63,10 +63,10 @@ class _Tangents:
     Attributes:
         tail: (T,) circle that the tangent leaves.
         head: (T,) circle that it reaches.
-        tail_sense: (T,) sense in which the path follows the tail, +1 counter-clockwise, -1 not.
+        tail_sense: (T,) direction of the path on the tail, +1 counter-clockwise, -1 clockwise.
         head_sense: (T,) the same for the head.
-        start_m: (T, 2) where it leaves the tail, in map, m.
-        end_m: (T, 2) where it reaches the head, in map, m.
+        start_m: (T, 2) point where it leaves the tail, in map, m.
+        end_m: (T, 2) point where it reaches the head, in map, m.
     """
 
     tail: NDArray[np.int64]
@@ -80,7 +80,7 @@ class _Tangents:
 def shortest_path(
     plan: FloorPlan, start_m: FloatArray, goal_m: FloatArray, radius_m: float
 ) -> ShortestPath | None:
-    """Find the shortest path on which a disc touches nothing.
+    """Find the shortest path on which a disc touches no obstacle.
 
     Args:
         plan: The true floor plan.
@@ -96,7 +96,7 @@ def shortest_path(
     free_m = float(plan.clearance_m(ends).min())
     if free_m < radius_m - _SLACK_M:
         return None
-    # An end that rounding puts inside a grown outline has no tangents: shrink the disc by that.
+    # Rounding may put an end inside a grown outline. It then has no tangents, so shrink the disc.
     radius_m = min(radius_m, free_m - 0.1 * _SLACK_M)
     if np.array_equal(ends[0], ends[1]):
         return ShortestPath(0.0, ends)
@@ -105,7 +105,7 @@ def shortest_path(
 
 
 def _circles(plan: FloorPlan, ends: FloatArray, radius_m: float) -> _Circles:
-    """Circle 0 is the start and circle 1 the goal, both of radius 0; the others are vertices."""
+    """List the circles: 0 is the start and 1 the goal, both of radius 0, then the vertices."""
     centres, radii = [ends], [np.zeros(2)]
     following, preceding = [np.zeros((2, 2))], [np.zeros((2, 2))]
     for section in plan.sections:
@@ -123,7 +123,7 @@ def _circles(plan: FloorPlan, ends: FloatArray, radius_m: float) -> _Circles:
 
 
 def _free_tangents(plan: FloorPlan, circles: _Circles, radius_m: float) -> _Tangents:
-    """All common tangents of two circles along which the disc touches nothing."""
+    """Find all common tangents of two circles along which the disc touches no obstacle."""
     # Every ordered pair of circles, except into the start and out of the goal.
     tail, head = np.nonzero(~np.eye(len(circles.radius_m), dtype=bool))
     into_or_out = (head != 0) & (tail != 1)
@@ -135,8 +135,8 @@ def _free_tangents(plan: FloorPlan, circles: _Circles, radius_m: float) -> _Tang
     ]
     joined = [np.concatenate(columns) for columns in zip(*found, strict=True)]
     tail, head, tail_sense, head_sense, start_m, end_m = joined
-    # The cheap test first, of the ends; then the exact one, of the whole tangent, in batches that
-    # keep the table of tangents and edges small.
+    # First the cheap test of the ends, then the exact test of the whole tangent. Batches keep the
+    # table of tangents and edges small.
     near = radius_m - _SLACK_M
     free = (plan.clearance_m(start_m) >= near) & (plan.clearance_m(end_m) >= near)
     index = np.flatnonzero(free)
@@ -156,11 +156,11 @@ def _tangents(
     tail_sense: int,
     head_sense: int,
 ) -> tuple[NDArray[np.int64], ...]:
-    """The tangents with one pair of senses that touch both outlines at a vertex.
+    """Find the tangents with one pair of senses that touch both outlines at a vertex.
 
-    Let u be the tangent's direction and n the normal to its right. A circle (c, r) that is followed
-    with sense s is touched at c + s r n. Both touching points lie on one line along u if
-    |c2 - c1| sin(angle of u against c2 - c1) = s1 r1 - s2 r2.
+    Let u be the tangent's direction and n the normal to its right. A circle (c, r) that the
+    path follows with sense s is touched at c + s r n. Both touching points are on one line
+    along u if |c2 - c1| sin(angle of u against c2 - c1) = s1 r1 - s2 r2.
     """
     # A point has no sense: start and goal are used with sense +1 only.
     keep = ((tail != 0) | (tail_sense > 0)) & ((head != 1) | (head_sense > 0))
@@ -168,13 +168,13 @@ def _tangents(
     apart = circles.centre_m[head] - circles.centre_m[tail]
     distance = np.hypot(apart[:, 0], apart[:, 1])
     offset = tail_sense * circles.radius_m[tail] - head_sense * circles.radius_m[head]
-    # Circles that touch from within (for example a start on an arc) have a tangent of length 0.
+    # Circles that touch from inside (for example a start on an arc) have a tangent of length 0.
     keep = (distance > 0.0) & (distance > np.abs(offset) - _SLACK_M)
     tail, head, apart = tail[keep], head[keep], apart[keep]
     lean = np.arcsin(np.clip(offset[keep] / distance[keep], -1.0, 1.0))
     heading = np.arctan2(apart[:, 1], apart[:, 0]) + lean
     right = np.stack([np.sin(heading), -np.cos(heading)], axis=1)
-    # A touching point is on the outline only if its normal lies between those of the two edges.
+    # A touching point is on the outline only if its normal is between those of the two edges.
     ends = []
     keep = np.ones(len(tail), dtype=bool)
     for circle, sense in ((tail, tail_sense), (head, head_sense)):
@@ -189,7 +189,7 @@ def _tangents(
 def _search(
     plan: FloorPlan, circles: _Circles, tangents: _Tangents, radius_m: float
 ) -> ShortestPath | None:
-    """Build the tangent graph: its nodes are the tangents' ends, its links tangents and arcs."""
+    """Build the tangent graph. Its nodes are the tangents' ends, its links tangents and arcs."""
     count = len(tangents.tail)
     if not count:
         return None
@@ -211,7 +211,7 @@ def _dijkstra(
     targets: set[int],
     start_m: FloatArray,
 ) -> ShortestPath | None:
-    """Dijkstra's algorithm (1959) from several sources to the nearest of several targets."""
+    """Run Dijkstra's algorithm (1959) from several sources to the nearest of several targets."""
     best = dict.fromkeys(sources, 0.0)
     came: dict[int, tuple[int, FloatArray]] = {}
     queue = [(0.0, node) for node in sources]
@@ -238,9 +238,9 @@ def _dijkstra(
 def _arcs(
     plan: FloorPlan, circles: _Circles, tangents: _Tangents, radius_m: float
 ) -> list[tuple[int, int, float, FloatArray]]:
-    """Every free arc between neighbouring ends of tangents: node, next node, length, points.
+    """List the free arcs between neighbouring ends of tangents: node, next node, length, points.
 
-    For each circle and sense, the ends are sorted by angle and each is joined to the next one.
+    For each circle and sense, the ends are sorted by angle, and each is linked to the next one.
     """
     ends: dict[tuple[int, int], list[tuple[float, int]]] = defaultdict(list)
     for t in range(len(tangents.tail)):
@@ -262,6 +262,6 @@ def _arcs(
             points = centre + radius * np.stack([np.cos(turned), np.sin(turned)], axis=1)
             if np.all(plan.clearance_m(points) >= radius_m - _SLACK_M):
                 arcs.append((node, after, radius * swept, points[1:]))
-                if swept == 0.0:  # one point, so the link leads both ways
+                if swept == 0.0:  # both ends are one point, so the link goes both ways
                     arcs.append((after, node, 0.0, points[1:]))
     return arcs

@@ -1,4 +1,4 @@
-"""Compares planners statistically: paired tests, and how soon each comes near the optimum."""
+"""Compare planners statistically: paired tests, and the effort to come near the optimum."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy import stats
 from simloop.messages import FloatArray
 
 TARGETS = (0.1, 0.03, 0.01, 0.003, 0.001)
-"""Relative gaps to the best known J at which a run counts as solved, for the ECDFs."""
+"""Relative gaps to the best known J at which a run is solved, for the ECDFs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ def holm(p: Sequence[float]) -> list[float]:
     order, count = np.argsort(p, kind="mergesort"), len(p)
     corrected, most = [0.0] * count, 0.0
     # From the smallest p on: each is multiplied by the number of tests that are left, and none may
-    # come out below an earlier one.
+    # be smaller than an earlier one.
     for rank, k in enumerate(order):
         most = max(most, min(1.0, (count - rank) * p[k]))
         corrected[k] = most
@@ -63,7 +63,7 @@ def wilcoxon(lead: Sequence[float], rival: Sequence[float]) -> float:
         rival: Scores of the rival on the same tasks.
 
     Returns:
-        The two-sided p-value. Pairs with equal scores are included as by Pratt (1959). If all
+        The two-sided p-value. Pairs with equal scores are included after Pratt (1959). If all
         pairs are equal, it is 1.
     """
     apart = np.asarray(rival) - np.asarray(lead)
@@ -105,7 +105,7 @@ def evaluations_to(history: FloatArray, target: float) -> float:
         target: The target score.
 
     Returns:
-        Number of evaluations; inf if the target is never met.
+        Number of evaluations; inf if the target is never reached.
     """
     hit = np.flatnonzero(history[:, 1] <= target)
     return float(history[hit[0], 0]) if len(hit) else np.inf
@@ -128,7 +128,7 @@ def ecdf(
         targets: Relative gaps to the best known score.
 
     Returns:
-        (G,) share, 0 to 1, of the pairs that are solved within so many evaluations.
+        (G,) share, 0 to 1, of the pairs that are solved within this number of evaluations.
     """
     needed = np.array([
         evaluations_to(history, (1.0 + share) * optimum)
@@ -141,7 +141,7 @@ def ecdf(
 def convergence(
     histories: Sequence[FloatArray], best: Sequence[float], grid: FloatArray
 ) -> FloatArray:
-    """Compute how the best score so far approaches the best known one.
+    """Compute how the best score so far approaches the best known score.
 
     Args:
         histories: One history (H, 2) for each run, see ``evaluations_to``.
@@ -153,7 +153,7 @@ def convergence(
     """
     rows = []
     for history, optimum in zip(histories, best, strict=True):
-        # The row in force at each grid point; -1 before the first score.
+        # The row that is valid at each grid point; -1 before the first score.
         at = np.searchsorted(history[:, 0], grid, side="right") - 1
         score = np.where(at >= 0, history[np.maximum(at, 0), 1], np.inf)
         rows.append(100.0 * (score / optimum - 1.0))

@@ -1,4 +1,4 @@
-"""The typed messages that flow along every arrow of the loop.
+"""The typed messages between the parts of the loop.
 
 Conventions: SI units, radians, yaw counter-clockwise, x forward, z up (REP-103);
 frames map -> odom -> base_link -> laser/imu (REP-105). ``t_ns`` is simulated time

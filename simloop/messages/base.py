@@ -1,4 +1,4 @@
-"""What all messages have in common: the arrays that they carry are read-only."""
+"""The base of all messages. The arrays of a message are read-only."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ _ARRAYS = ("FloatArray", "NDArray[")
 
 
 class BaseMessage:
-    """Base of the messages: freezes every array that a message carries."""
+    """Base of the messages. It makes every array of a message read-only."""
 
     __slots__ = ()
 
     def __post_init__(self) -> None:
         kind: Any = self.__class__
         for get in _array_getters(kind):
-            get(self).setflags(False)  # write; by its name it costs twice as much
+            get(self).setflags(False)  # argument write; as a keyword it costs twice as much
         for get in _tuple_getters(kind):
             for array in get(self):
                 array.setflags(False)
@@ -29,16 +29,17 @@ class BaseMessage:
 
 @cache
 def _array_getters(kind: Any) -> tuple[Any, ...]:
-    """Getters of the fields that hold an array, by their annotations.
+    """List the getters of the fields that hold an array, by their annotations.
 
-    Those are the slots' own descriptors: asked for at each message made, ten thousand a run.
+    The getters are the slots' own descriptors, because they run for every message, ten thousand
+    times in a run.
     """
     return tuple(getattr(kind, name).__get__ for name in _fields_of(kind, _ARRAYS))
 
 
 @cache
 def _tuple_getters(kind: Any) -> tuple[Any, ...]:
-    """Getters of the fields that hold a tuple of arrays."""
+    """List the getters of the fields that hold a tuple of arrays."""
     kinds = tuple(f"tuple[{array}" for array in _ARRAYS)
     return tuple(getattr(kind, name).__get__ for name in _fields_of(kind, kinds))
 

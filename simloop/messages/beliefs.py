@@ -1,4 +1,4 @@
-"""What the robot believes: its state, its map, what moves."""
+"""What the robot believes: its state, its health, its map and the moving obstacles."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from simloop.messages.base import BaseMessage, FloatArray
 
 
 class HealthState(StrEnum):
-    """How well the robot knows where it is."""
+    """How well the robot knows its pose."""
 
     OK = "ok"
     DEGRADED = "degraded"
@@ -20,7 +20,7 @@ class HealthState(StrEnum):
 
 
 class HealthReason(StrEnum):
-    """Why the robot knows less well where it is."""
+    """The reason why the robot knows its pose less well."""
 
     LEFT_BELT = "left belt not heard"
     RIGHT_BELT = "right belt not heard"
@@ -36,14 +36,15 @@ class HealthReason(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate(BaseMessage):
-    """The robot's belief of its own state.
+    """The robot's estimate of its own state.
 
     Attributes:
         t_ns: Simulated time, ns.
         state: (9,) x, y, m, and yaw, rad, of base_link in map; speed, m/s; yaw rate, rad/s; gyro
-            bias, rad/s; gauge ratio; how far the middle of the tracks' centres of rotation lies
-            to the left, m, and the vehicle's own to the front, m (see ``estimation.ekf_model``).
-        covariance: (9, 9) of the state.
+            bias, rad/s; gauge ratio; offset to the left of the middle of the tracks' centres of
+            rotation, m; offset to the front of the vehicle's own centre of rotation, m (see
+            ``estimation.ekf_model``).
+        covariance: (9, 9) covariance of the state.
     """
 
     t_ns: int
@@ -67,20 +68,20 @@ class Estimate(BaseMessage):
 
     @property
     def gauge_ratio(self) -> float:
-        """How much wider than its gauge the robot turns, because its tracks slip."""
+        """Ratio of the effective to the real gauge. It is above 1 because the tracks slip."""
         return float(self.state[6])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frames(BaseMessage):
-    """The transforms of REP-105: odom is smooth and drifts, map jumps with each pose fix.
+    """The transforms of REP-105: odom is smooth and drifts; map jumps with each pose fix.
 
     Attributes:
         t_ns: Simulated time, ns.
         odom_from_base: (3,) base_link in odom, m, m, rad.
         map_from_odom: (3,) odom in map, m, m, rad.
-        odom_from_base_by_wheels: (3,) the same as ``odom_from_base`` by the encoders alone, with
-            the centres of rotation that the filter has learnt.
+        odom_from_base_by_wheels: (3,) as ``odom_from_base``, but from the encoders only, with the
+            centres of rotation that the filter has learnt.
     """
 
     t_ns: int
@@ -91,13 +92,13 @@ class Frames(BaseMessage):
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """What the robot thinks of its own localisation.
+    """The robot's assessment of its own localisation.
 
     Attributes:
         t_ns: Simulated time, ns.
-        state: How well it knows where it is.
+        state: How well it knows its pose.
         reasons: Why it is not ``OK``.
-        halts: Whether it is reason enough not to drive on.
+        halts: Whether the robot must stop for this reason.
     """
 
     t_ns: int
@@ -113,9 +114,9 @@ class PoseFix(BaseMessage):
     Attributes:
         t_ns: Instant of the scan, ns.
         pose: (3,) base_link in map, m, m, rad.
-        covariance: (3, 3) of the pose.
-        score: Share of the points that meet the map, 0 to 1.
-        ok: False where the match is not to be trusted: too few points, poor overlap.
+        covariance: (3, 3) covariance of the pose.
+        score: Share of the points that match the map, 0 to 1.
+        ok: False if the match is not reliable: too few points, or poor overlap.
     """
 
     t_ns: int
@@ -127,16 +128,16 @@ class PoseFix(BaseMessage):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MoverTracks(BaseMessage):
-    """Things that the robot has seen move, as discs in map.
+    """Moving obstacles that the robot has observed, as discs in map.
 
     Attributes:
         t_ns: Instant of the positions, ns.
-        number: (n,) int64, the same number for the same thing.
+        number: (n,) int64, the same number for the same obstacle.
         position_m: (n, 2) in map, m.
         velocity_mps: (n, 2) in map, m/s.
-        radius_m: (n,) of what was seen of it, m.
+        radius_m: (n,) radius of its visible part, m.
         std_m: (n,) standard deviation of the position along one axis, m.
-        pace_mps: (n,) the fastest that it went lately, m/s: what has just stopped may set off
+        pace_mps: (n,) its greatest recent speed, m/s. An obstacle that has just stopped may move
             again.
     """
 
@@ -160,11 +161,11 @@ class MoverTracks(BaseMessage):
         return self.position_m + 1e-9 * (t_ns - self.t_ns) * self.velocity_mps
 
     def discs_at(self, t_ns: int, about_m: float) -> FloatArray:
-        """Predict the things as discs at another instant.
+        """Predict the obstacles as discs at another instant.
 
         Args:
             t_ns: The instant, ns.
-            about_m: By how much each is wider than was seen, m.
+            about_m: Distance by which each radius is enlarged, m.
 
         Returns:
             (n, 3) x, y, radius in map, m.
@@ -174,11 +175,11 @@ class MoverTracks(BaseMessage):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LowObstacles(BaseMessage):
-    """What the camera has seen and the LiDAR has not.
+    """Obstacles that the camera has seen and the LiDAR has not.
 
     Attributes:
         t_ns: Simulated time, ns.
-        surfaces_m: (k, 2) in map, m.
+        surfaces_m: (k, 2) points of their surfaces in map, m.
     """
 
     t_ns: int

@@ -1,4 +1,4 @@
-"""What the robot does, and what it says of that."""
+"""What the robot does, and what it reports about it."""
 
 from __future__ import annotations
 
@@ -22,50 +22,50 @@ class Mode(StrEnum):
     FOLLOW = "follow"
     """It follows its path."""
     TURN = "turn"
-    """It turns on the spot, as its path asks."""
+    """It turns on the spot, because its path requires it."""
     STOP = "stop"
     """It has no path."""
     ARRIVED = "arrived"
     """It stands within the goal's tolerance."""
     WAIT = "wait"
-    """The watchdog lets it not drive."""
+    """The watchdog does not allow it to drive."""
     HELD = "held"
-    """Something that stands is in the way of what path tracking asks for."""
+    """A static obstacle is in the way of the motion that path tracking requests."""
     YIELD = "yield"
-    """Something that moves is."""
+    """A moving obstacle is in the way of that motion."""
     DODGE = "dodge"
-    """It gets out of the way of something that moves."""
+    """It evades a moving obstacle."""
     BACK_OFF = "back_off"
     """It was stuck, and frees itself."""
     DEGRADED = "degraded"
-    """Its localisation is too poor to drive on."""
+    """Its localisation is too poor to drive."""
     LOST = "lost"
-    """It does not know where it is."""
+    """It does not know its pose."""
 
 
 class RobotStatus(StrEnum):
-    """What the robot says of its own mission."""
+    """What the robot reports about its own mission."""
 
     DRIVING = "driving"
     ARRIVED = "arrived"
     """It believes that it stands within the goal's tolerance."""
     LOST = "lost"
-    """It has not known where it is for too long to go on searching."""
+    """It has searched for its pose for too long."""
     UNREACHABLE = "unreachable"
-    """It takes its goal for closed off."""
+    """It believes that obstacles enclose the goal."""
     GAVE_UP = "gave_up"
-    """It was stuck, and recovered in vain too often."""
+    """It was stuck, and too many recoveries failed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackCommand(BaseMessage):
-    """What the motors are told for one period.
+    """The command to the motors for one period.
 
     Attributes:
         t_ns: Simulated time, ns.
-        speed_mps: Forward speed that was chosen, m/s.
-        yaw_rate_radps: Yaw rate that was chosen, rad/s.
-        sprocket_radps: (2,) sprocket speeds that it takes, left and right, rad/s.
+        speed_mps: Selected forward speed, m/s.
+        yaw_rate_radps: Selected yaw rate, rad/s.
+        sprocket_radps: (2,) sprocket speeds for this motion, left and right, rad/s.
         voltage_v: (2,) motor voltages, V.
         mode: What the robot does.
     """
@@ -80,7 +80,7 @@ class TrackCommand(BaseMessage):
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something worth a line.
+    """A line for the log.
 
     Attributes:
         t_ns: Simulated time, ns.

@@ -1,4 +1,4 @@
-"""What the robot plans in, and what comes of it."""
+"""The view in which the robot plans, and the resulting plan and path."""
 
 from __future__ import annotations
 
@@ -13,26 +13,25 @@ from simloop.messages.beliefs import MoverTracks
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WorldView(BaseMessage):
-    """What a planner may know of the world, all of it from the robot's own map.
+    """All that a planner may know of the world. All of it comes from the robot's own map.
 
-    What lies outside the grid is unknown, and each user says how it reads it. The planners, the
-    smoother and the elastic band take the distance of the nearest place inside ("edge" in
-    `simloop.geometry.distance_field`): a wall that reaches the border goes on outside.
-    `navigation.planner_world.with_free_rim` adds free space about the grid where that leaves no
-    way.
-    The check whether a goal can be reached at all (`navigation.feasibility`) takes it for free.
-    Unknown cells inside the grid are free for all.
+    Places outside the grid are unknown. Each user defines how to treat them. The planners, the
+    smoother and the elastic band use the distance of the nearest place inside ("edge" in
+    `simloop.geometry.distance_field`): a wall that reaches the border continues outside.
+    `navigation.planner_world.with_free_rim` adds free space around the grid if no path is left
+    otherwise. The check whether a goal can be reached at all (`navigation.feasibility`) treats
+    places outside as free. All users treat unknown cells inside the grid as free.
 
     Attributes:
         t_ns: Simulated time, ns.
         origin_m: (2,) lower left corner of cell (0, 0), in map, m.
-        resolution_m: Side of a cell, m.
+        resolution_m: Size of a cell, m.
         distance_m: (rows, cols) float32 [iy, ix], distance from a cell's centre to the nearest
             occupied cell's surface, m; (0, 0) if there is no grid.
         discs_xyr_m: (K, 3) x, y, radius of obstacles as discs, in map, m.
         bounds_m: (4,) x_min, y_min, x_max, y_max of the space in which waypoints may lie, m.
         polygons_m: Corners (N, 2) of convex obstacles, in map, m.
-        movers: What moves, which is in none of the others; None where nothing is known to.
+        movers: Moving obstacles, which are in none of the others; None if none are known.
     """
 
     t_ns: int
@@ -47,27 +46,27 @@ class WorldView(BaseMessage):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan(BaseMessage):
-    """A planner's answer to a task: a polyline and what it costs.
+    """A planner's answer to a task: a polyline and its cost.
 
     Attributes:
-        t_ns: Simulated time of the view that was planned in, ns.
+        t_ns: Simulated time of the planner's view, ns.
         waypoints_m: (M, 2) from the start to the goal, in map, m.
         cost: J of the whole polyline as the planner minimises it: length, turning, the turn at
-            the start and, where clearance is lacking, its penalty.
+            the start and, if there is too little clearance, its penalty.
         length_m: Length, m.
         turning_rad: Sum of the turns at the inner waypoints, rad.
-        safe: Whether the polyline keeps ``safe_distance_m`` all along (near a start that is too
-            close to something, as much of it as the start allows).
-        evaluations: How many paths and single segments were tried.
-        generations: How many generations a population went through.
+        safe: Whether the whole polyline keeps ``safe_distance_m`` (near a start that is too close
+            to an obstacle, as much of it as the start allows).
+        evaluations: Number of paths and single segments that were evaluated.
+        generations: Number of generations of a population.
         planner: Name of the planner.
-        reason: Why the plan was asked for.
-        candidates_m: Some paths (., 2) of the final population, to look at.
-        history: (H, 2) evaluations and the best J from then on, one row for each gain; empty if
-            the planner keeps none.
-        safe_distance_m: Distance from obstacles that the plan was asked to keep, m.
-        start_turn_cost: What the turn from the robot's heading to the first segment adds to
-            ``cost``.
+        reason: Why the plan was requested.
+        candidates_m: Some paths (., 2) of the final population, for display.
+        history: (H, 2) evaluations and the best J from then on, one row for each improvement;
+            empty if the planner keeps none.
+        safe_distance_m: Distance from obstacles that the plan had to keep, m.
+        start_turn_cost: Part of ``cost`` for the turn from the robot's heading to the first
+            segment.
     """
 
     t_ns: int
@@ -88,24 +87,24 @@ class Plan(BaseMessage):
 
     @property
     def path_cost(self) -> float:
-        """J without the turn at the start: what it costs whichever way the robot faces now."""
+        """J without the turn at the start. It does not depend on the robot's present heading."""
         return self.cost - self.start_turn_cost
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SmoothPath(BaseMessage):
-    """A densely sampled path in map whose curvature is continuous.
+    """A densely sampled path in map with continuous curvature.
 
     Attributes:
         t_ns: Simulated time of the plan's view, ns.
-        xy_m: (K, 2) places of base_link, m.
+        xy_m: (K, 2) positions of base_link, m.
         yaw_rad: (K,) headings, unwrapped, rad.
         curvature_1pm: (K,) signed curvature, left positive, 1/m.
         arc_m: (K,) length from the start, m.
         clearance_m: (K,) least distance from any of the footprint's disc centres to an obstacle,
             m.
         safe: Whether the footprint's discs keep the plan's safe distance at every sample, to
-            1 mm. Near a start that is too close to something less is asked for, as of the plan.
+            1 mm. Near a start that is too close to an obstacle less is required, as for the plan.
     """
 
     t_ns: int

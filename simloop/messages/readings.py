@@ -1,4 +1,4 @@
-"""What the robot is told: sensor readings."""
+"""Sensor readings: all that the robot receives."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from simloop.messages.base import BaseMessage, FloatArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EncoderReading(BaseMessage):
-    """Cumulative counts of the sprockets' encoders, quantised.
+    """Cumulative, quantised counts of the sprockets' encoders.
 
     Attributes:
         t_ns: Simulated time, ns.
-        left_counts: Counts since the start, 980 a turn by default.
-        right_counts: The same of the right sprocket.
+        left_counts: Counts of the left sprocket since the start, 980 per turn by default.
+        right_counts: Counts of the right sprocket since the start.
     """
 
     t_ns: int
@@ -42,16 +42,16 @@ class ImuReading(BaseMessage):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LidarScan(BaseMessage):
-    """One full turn of the LiDAR, swept: each beam has its own instant.
+    """One full turn of the LiDAR. Each beam has its own instant.
 
     Attributes:
         t_ns: End of the turn, ns.
         angles_rad: (N,) directions of the beams in the laser frame, rad.
-        ranges_m: (N,) ranges, m; inf where nothing came back.
+        ranges_m: (N,) ranges, m; inf if nothing came back.
         age_ns: (N,) int64: beam i was cast ``age_ns[i]`` before ``t_ns``, from the laser's pose
             at that instant.
-        range_min_m: Least range that the sensor measures, m.
-        range_max_m: Greatest range that it measures, m.
+        range_min_m: Least range of the sensor, m.
+        range_max_m: Greatest range of the sensor, m.
     """
 
     t_ns: int
@@ -64,14 +64,14 @@ class LidarScan(BaseMessage):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DepthImage(BaseMessage):
-    """What a depth camera sees at one instant.
+    """The image of a depth camera at one instant.
 
     Attributes:
         t_ns: Simulated time, ns.
-        depth_m: (rows, cols) float32 along the optical axis, m, row 0 on top; inf where nothing
+        depth_m: (rows, cols) float32 along the optical axis, m, row 0 at the top; inf if nothing
             came back.
-        focal_px: (2,) horizontal and vertical focal length, pixels; the axis goes through the
-            image's middle.
+        focal_px: (2,) horizontal and vertical focal length, pixels; the axis is at the centre of
+            the image.
     """
 
     t_ns: int
@@ -87,14 +87,14 @@ def pixel_slopes(count: int, focal_px: float) -> FloatArray:
         focal_px: Focal length, pixels.
 
     Returns:
-        (count,) how far the rays lead left (columns) or up (rows) for one metre of depth.
+        (count,) offset of the rays to the left (columns) or up (rows) for one metre of depth.
     """
     return np.asarray((0.5 * (count - 1) - np.arange(count)) / focal_px, np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GoalReading(BaseMessage):
-    """Where a goal that moves is, as the robot is told.
+    """A reading of the place of a moving goal.
 
     Attributes:
         t_ns: Simulated time, ns.
@@ -107,14 +107,14 @@ class GoalReading(BaseMessage):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Readings:
-    """All sensor readings of one control period, which is everything that the robot learns.
+    """All sensor readings of one control period. The robot receives nothing else.
 
     Attributes:
         encoders: Sprocket counts, every period.
         imu: Rates and accelerations, every period.
         scan: A full turn of the LiDAR, in the periods in which one ends.
-        goal: Where the goal is, if it moves and there is news of it.
-        image: A depth image, if there is a camera and one is due.
+        goal: The goal's place, if it moves and a reading is due.
+        image: A depth image, if there is a camera and an image is due.
     """
 
     encoders: EncoderReading

@@ -1,1 +1,1 @@
-"""The simulated world: rigid bodies, tracks on the ground, ray casting, and injected faults."""
+"""The simulated world: rigid bodies, tracks on the ground, ray casting and injected faults."""

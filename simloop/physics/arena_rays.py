@@ -1,4 +1,4 @@
-"""Rays cast among the arena's geoms: what LiDAR and depth camera measure."""
+"""Cast rays among the arena's geoms, for the LiDAR and the depth camera."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from simloop.messages import FloatArray
 from simloop.physics.vehicle_geoms import SEEN_GROUPS
 
-_GRAZING = 0.15  # cosine between a ray and the surface's normal below which it grazes
-_FAR_M = 0.01  # offset of origins along a normal beyond which a surface may not be the same plane
+_GRAZING = 0.15  # a ray grazes a surface if the cosine between ray and normal is below this
+_FAR_M = 0.01  # along the normal; an origin that is farther off may face another surface
 
 
 class ArenaRays:
-    """Casts rays that see the arena and not the vehicle."""
+    """Cast rays that hit the arena but not the vehicle."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Keep the model and its state.
@@ -29,11 +29,11 @@ class ArenaRays:
         self._groups = np.isin(np.arange(6), SEEN_GROUPS).astype(np.uint8)
 
     def cast(self, origins_m: FloatArray, directions: FloatArray, cutoff_m: float) -> FloatArray:
-        """Ranges of the rays of one control period, whose origins are millimetres apart.
+        """Cast the rays of one control period. Their origins are millimetres apart.
 
-        All rays are cast from the middle origin in one call. Each range is then carried over to its
-        own origin along the surface that was hit. A ray that grazes its surface is cast again from
-        its own origin.
+        All rays are cast from the middle origin in one call. Then each range is corrected for the
+        ray's own origin, with the hit surface as a plane. A ray that grazes its surface is cast
+        again from its own origin.
 
         Args:
             origins_m: (n, 3) in the world, m.
@@ -41,7 +41,7 @@ class ArenaRays:
             cutoff_m: longest range, m.
 
         Returns:
-            (n,) ranges, m; -1 where nothing is met within the cutoff.
+            (n,) ranges, m; -1 where a ray hits nothing within the cutoff.
         """
         middle = origins_m[len(origins_m) // 2]
         ranges, normals = self._fan(middle, directions, cutoff_m)
@@ -61,7 +61,7 @@ class ArenaRays:
         return ranges
 
     def look(self, origin_m: FloatArray, directions: FloatArray, cutoff_m: float) -> FloatArray:
-        """Ranges of rays from one origin.
+        """Cast rays from one origin.
 
         Args:
             origin_m: (3,) in the world, m.
@@ -69,7 +69,7 @@ class ArenaRays:
             cutoff_m: longest range, m.
 
         Returns:
-            (n,) ranges, m; -1 where nothing is met within the cutoff.
+            (n,) ranges, m; -1 where a ray hits nothing within the cutoff.
         """
         ranges, _ = self._fan(origin_m, directions, cutoff_m)
         ranges[ranges > cutoff_m] = -1.0
@@ -78,7 +78,7 @@ class ArenaRays:
     def _fan(
         self, origin_m: FloatArray, directions: FloatArray, cutoff_m: float
     ) -> tuple[FloatArray, FloatArray]:
-        """Ranges (n,) and normals (n, 3) from one origin; beyond the cutoff -1 or a range."""
+        """Cast from one origin: ranges (n,), normals (n, 3). Beyond the cutoff: -1 or a range."""
         n = len(directions)
         normals, ranges, geoms = np.empty((n, 3)), np.empty(n), np.empty(n, np.int32)
         mujoco.mj_multiRay(
@@ -107,20 +107,20 @@ def carry_ranges(
     middle: FloatArray,
     cutoff: float,
 ) -> NDArray[np.int64]:
-    """Carry ranges in place from one origin to others nearby, surfaces being planes.
+    """Correct ranges in place for ray origins near the one of the cast. Surfaces are planes.
 
     r' = r - (d . n) / (u . n), with n the surface's normal, d the origin's offset, u the ray.
 
     Args:
-        ranges: (n,) from ``middle``, m; updated. Negative ones (nothing met) stay as they are.
+        ranges: (n,) from ``middle``, m; updated. Negative ones (no hit) are not changed.
         normals: (n, 3) of the surfaces that were hit.
         directions: (n, 3) unit vectors u.
         origins: (n, 3) the rays' own origins, m.
         middle: (3,) the origin from which they were cast, m.
-        cutoff: longest range, m; longer ones become -1.
+        cutoff: longest range, m; a longer range becomes -1.
 
     Returns:
-        Indices of the rays that meet their surface at too flat an angle for this.
+        Indices of the rays that meet their surface at an angle too flat for this correction.
     """
     flat = np.empty(ranges.shape[0], np.int64)
     count = 0
@@ -131,7 +131,7 @@ def carry_ranges(
         for k in range(3):
             along += directions[i, k] * normals[i, k]
             off += (origins[i, k] - middle[k]) * normals[i, k]
-        # At a flat angle a small offset is a long way along the ray, past the surface's edge.
+        # At a flat angle, a small offset moves the hit a long way, perhaps past the surface's edge.
         if abs(along) < _GRAZING or abs(off) > _FAR_M:
             flat[count] = i
             count += 1

@@ -1,4 +1,4 @@
-"""The brush model of one belt cell: shear that grows with slip, saturates, and moves with the belt.
+"""The brush model of one belt cell: its shear grows with slip, saturates, and moves with the belt.
 
 A belt's contact patch is cut into cells. The state of a cell is the mean shear displacement m of
 its rubber, (along, across) the belt, m. It follows the slip velocity v of the belt over the ground.
@@ -14,7 +14,7 @@ solution within the cell (exponential fitting). Therefore:
 
 - a steady belt gives the Janosi-Hanamoto pull 1 - K/(iL) (1 - exp(-iL/K)) exactly, with any
   number of cells;
-- a belt that does not move holds like a spring.
+- a belt at rest holds like a spring.
 
 The displacement is stored in the belt's own axes, so it turns with the vehicle. The damping c
 vanishes in every steady motion. docs/tracks.md derives these equations.
@@ -31,10 +31,10 @@ from simloop.messages import FloatArray
 
 @njit(cache=True, error_model="numpy")
 def outlet_gain(u: float) -> float:
-    """Ratio of the outlet's to the mean's distance from the inlet: g(u) of the module's text.
+    """Compute g(u): distance of the outlet from the inlet, over that of the mean from the inlet.
 
-    g(u) = u (1 - exp -u) / (u - 1 + exp -u). It is 2 where slip is negligible (pure transport, a
-    linear profile) and 1 where the whole cell is saturated.
+    g(u) = u (1 - exp -u) / (u - 1 + exp -u). It is 2 where the slip is negligible (pure transport,
+    a linear profile) and 1 where the whole cell is saturated.
 
     Args:
         u: |v| l / (|V| K), the cell's slip in units of the shear modulus; 0 or more.
@@ -42,7 +42,7 @@ def outlet_gain(u: float) -> float:
     Returns:
         The gain, 1 to 2.
     """
-    # Both ends of the range are replaced by their expansions: the quotient loses its digits there.
+    # Both ends of the range use series expansions, because the quotient loses its digits there.
     if u < 1e-3:
         return 2.0 - u / 3.0
     if u > 40.0:
@@ -65,7 +65,8 @@ def advance_cell(
 ) -> None:
     """Advance the shear of one cell by one time step, in place.
 
-    The step is the exact solution for constant slip and inflow. It is stable for any dt.
+    The step is the exact solution for a constant slip and a constant inflow. It is stable for any
+    dt.
 
     Args:
         mean: (2,) mean shear displacement m, along and across the belt, m; updated.
@@ -78,7 +79,7 @@ def advance_cell(
         modulus: shear modulus K, m.
         dt: time step, s.
     """
-    # Rates of the linear equation dm/dt = v + gain flow e_in - decay m. A belt that stands has no
+    # Rates of the linear equation dm/dt = v + gain flow e_in - decay m. A belt at rest has no
     # transport, so its gain does not matter.
     speed = math.hypot(slip[0], slip[1])
     flow = abs(belt) / cell
@@ -93,8 +94,8 @@ def advance_cell(
         rate[k] = (mean[k] - before) / dt
         outlet[k] = entering[k] + gain * (mean[k] - entering[k])
         size += outlet[k] * outlet[k]
-    # The gain holds for the steady profile. Fast changes overshoot it, but no rubber is strained
-    # beyond its limit K.
+    # The gain is that of the steady profile. A fast change can overshoot it, but rubber cannot be
+    # strained beyond the limit K.
     if size > modulus * modulus:
         scale = modulus / math.sqrt(size)
         outlet[0] *= scale
@@ -105,7 +106,7 @@ def advance_cell(
 def cell_force(
     mean: FloatArray, rate: FloatArray, modulus: float, damping: float, most: float
 ) -> tuple[float, float]:
-    """Force of one cell on the vehicle: F = -(mu N / K) (m + c dm/dt), at most mu N.
+    """Compute the force of one cell on the vehicle: F = -(mu N / K) (m + c dm/dt), at most mu N.
 
     Args:
         mean: (2,) mean shear displacement m, along and across the belt, m.

@@ -1,7 +1,8 @@
-"""Fault injection: what a scenario's ``[[faults]]`` do to the plant and to the sensors.
+"""Fault injection: apply a scenario's ``[[faults]]`` to the plant and to the sensors.
 
 Faults act between the plant and the sensors, and between the sensors and the robot. The robot is
-never told. docs/scenarios.md lists the kinds, docs/estimation.md what the robot makes of them.
+never told about them. docs/scenarios.md lists the kinds. docs/estimation.md explains how the robot
+detects them.
 """
 
 from __future__ import annotations
@@ -51,10 +52,10 @@ _KEYS: dict[str, tuple[str, ...]] = {
     "kidnapped": ("to",),
 }
 _TIMES = ("kind", "at_s", "for_s")
-# The hand that pushes is a spring and a damper with a limit of force.
+# A push is a spring and a damper with a limit on the force.
 _PUSH_N, _PUSH_N_PER_M, _PUSH_NS_PER_M = 250.0, 4000.0, 300.0
-_THROUGH_M = 1e-3  # how far behind a pane's surface a beam starts again
-_PANES = 4  # surfaces of glass that one beam may go through
+_THROUGH_M = 1e-3  # a beam starts again this far behind the surface of a pane
+_PANES = 4  # one beam passes through this many glass surfaces at most
 
 
 def keys_of(kind: str) -> tuple[str, ...]:
@@ -71,22 +72,22 @@ def keys_of(kind: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Fault:
-    """One thing that goes wrong. Each kind has its own keys; the others are None.
+    """One fault. Each kind has its own keys; the others are None.
 
     Attributes:
-        kind: what goes wrong.
-        at_s: when it begins, s.
-        for_s: how long it lasts, s; 0: for good.
-        side: encoder_stuck, ice: left or right. A stuck encoder loses the pulses that come; after
-            its time it counts on from where it stood, as a quadrature counter does.
-        bias_radps: gyro_jump: added to the rate about z, rad/s.
-        share: beams_dropped: of the beams that do not come back, 0 to 1.
-        min_m: glass: (2,) lower corner, in map, of the box that beams go through, m.
+        kind: what fails.
+        at_s: when the fault begins, s.
+        for_s: how long it lasts, s; 0: until the end of the run.
+        side: encoder_stuck, ice: left or right. A stuck encoder loses its pulses. After the fault
+            it counts on from the held count, as a quadrature counter does.
+        bias_radps: gyro_jump: bias that is added to the rate about z, rad/s.
+        share: beams_dropped: share of the beams that do not come back, 0 to 1.
+        min_m: glass: (2,) lower corner, in map, of the box that beams pass through, m.
         max_m: glass: (2,) its upper corner, m.
-        delay_s: lidar_late: how late the scans come, s.
-        friction: ice: of the ground under the track.
-        shift_m: pushed: way to the left in ``for_s``, m.
-        to: kidnapped: (3,) pose in map at which the robot is put down, m, m, rad.
+        delay_s: lidar_late: delay of the scans, s.
+        friction: ice: coefficient of friction of the ground under the track.
+        shift_m: pushed: distance to the left, covered in ``for_s``, m.
+        to: kidnapped: (3,) pose in map where the robot is put down, m, m, rad.
     """
 
     kind: Kind
@@ -116,26 +117,26 @@ class Fault:
         return self
 
     def on(self, t_ns: int) -> bool:
-        """Whether the fault is present at an instant.
+        """Tell whether the fault is active at an instant.
 
         Args:
             t_ns: the instant, ns.
 
         Returns:
-            True from ``at_s`` on, until ``for_s`` later.
+            True from ``at_s`` until ``for_s`` later.
         """
         since_s = t_ns * 1e-9 - self.at_s
         return since_s >= 0.0 and (self.for_s == 0.0 or since_s < self.for_s)
 
 
 class Body(Protocol):
-    """What faults can do to a plant."""
+    """The interface through which faults act on a plant."""
 
     def ice(self, frictions: tuple[float | None, float | None]) -> None:
         """Change the ground's friction under the tracks.
 
         Args:
-            frictions: under the left and the right track; None: the ground's own.
+            frictions: coefficients under the left and the right track; None: the ground's own.
         """
         ...
 
@@ -157,18 +158,18 @@ class Body(Protocol):
 
 
 class Faults:
-    """All faults of one run, with what they must remember."""
+    """All faults of one run, with their state."""
 
     def __init__(self, faults: Sequence[Fault], rng: np.random.Generator) -> None:
         """Take the faults of a scenario.
 
         Args:
-            faults: what goes wrong.
-            rng: draws which beams do not come back.
+            faults: the scenario's faults.
+            rng: random stream that selects the beams that do not come back.
         """
         self._faults, self._rng = tuple(faults), rng
-        self._held: list[int | None] = [None, None]  # counts, left and right, while stuck
-        self._lost = [0, 0]  # pulses
+        self._held: list[int | None] = [None, None]  # held counts, left and right, while stuck
+        self._lost = [0, 0]  # pulses lost so far, left and right
         self._encoders: EncoderReading | None = None
         self._imu: ImuReading | None = None
         self._late: list[tuple[int, LidarScan]] = []
@@ -177,7 +178,7 @@ class Faults:
         self._glass: Glass | None = None
 
     def act(self, body: Body, truth: Truth) -> None:
-        """Do to the plant what is due, before its next step.
+        """Apply the faults that act on the plant, before its next step.
 
         Args:
             body: the plant.
@@ -200,13 +201,13 @@ class Faults:
         body.push(force)
 
     def encoders(self, reading: EncoderReading) -> EncoderReading:
-        """Change an encoder reading as the faults do.
+        """Apply the encoder faults to a reading.
 
         Args:
             reading: what the encoders measure.
 
         Returns:
-            What the robot gets; while the encoders are silent, the last reading again.
+            The reading that the robot gets. While the encoders are silent: the last one again.
         """
         reading = self._stick(reading)
         silent = any(fault.on(reading.t_ns) for fault in self._of("encoders_silent"))
@@ -215,13 +216,13 @@ class Faults:
         return self._encoders
 
     def imu(self, reading: ImuReading) -> ImuReading:
-        """Change an IMU reading as the faults do.
+        """Apply the IMU faults to a reading.
 
         Args:
             reading: what the IMU measures.
 
         Returns:
-            What the robot gets; while the IMU is silent, the last reading again.
+            The reading that the robot gets. While the IMU is silent: the last one again.
         """
         for fault in self._of("gyro_jump"):
             if fault.on(reading.t_ns):
@@ -235,8 +236,8 @@ class Faults:
     def _stick(self, reading: EncoderReading) -> EncoderReading:
         """Hold the counts of stuck encoders.
 
-        A quadrature counter only adds pulses. Those that come while it is stuck are lost for good,
-        so that it counts on from the held count afterwards.
+        A quadrature counter only adds pulses. The pulses that come while it is stuck are lost, so
+        it counts on from the held count afterwards.
         """
         faults = self._of("encoder_stuck")
         if not faults:
@@ -254,14 +255,14 @@ class Faults:
         return EncoderReading(reading.t_ns, *counts)
 
     def scan(self, scan: LidarScan | None, t_ns: int) -> LidarScan | None:
-        """Drop, delay or thin out a scan as the faults do.
+        """Apply the LiDAR faults to a scan: drop it, delay it, or drop some beams.
 
         Args:
-            scan: the scan of this control period, if there is one.
+            scan: the scan of this control period, or None.
             t_ns: the instant, ns.
 
         Returns:
-            The scan that the robot gets now, if any.
+            The scan that the robot gets now, or None.
         """
         if not self._faults:
             return scan
@@ -277,38 +278,38 @@ class Faults:
                 due = t_ns + round(1e9 * max(fault.delay_s or 0.0 for fault in late))
                 self._late.append((due, scan))
                 scan = None
-        # A scan that is due is given out in a period without a newer one.
+        # A delayed scan is delivered in a period without a newer one.
         if scan is None and self._late and self._late[0][0] <= t_ns:
             scan = self._late.pop(0)[1]
         return scan
 
     def image(self, image: DepthImage | None, t_ns: int) -> DepthImage | None:
-        """Drop an image as the faults do.
+        """Apply the camera faults to an image.
 
         Args:
-            image: the image of this control period, if there is one.
+            image: the image of this control period, or None.
             t_ns: the instant, ns.
 
         Returns:
-            The image that the robot gets now, if any.
+            The image that the robot gets now, or None.
         """
         return None if any(f.on(t_ns) for f in self._of("camera_silent")) else image
 
     def rays(self, world: RayCaster) -> RayCaster:
-        """Put the panes of glass in front of a world.
+        """Add the panes of glass to a world.
 
         Args:
             world: the true world.
 
         Returns:
-            The world as the LiDAR's beams meet it.
+            The world as the LiDAR's beams see it.
         """
         panes = self._of("glass")
         self._glass = Glass(world, panes) if panes else None
         return self._glass or world
 
     def at(self, t_ns: int) -> None:
-        """Set the instant for which `rays` decides what is glass.
+        """Set the instant at which `rays` checks which panes are active.
 
         Args:
             t_ns: the instant, ns.
@@ -320,11 +321,11 @@ class Faults:
         return [fault for fault in self._faults if fault.kind in kinds]
 
     def _push(self, fault: Fault, truth: Truth) -> FloatArray:
-        """(2,) N of a hand that moves the robot sideways against the grip of its tracks."""
+        """Compute the force (2,), N, that pushes the robot sideways against its tracks' grip."""
         start = self._pushes.setdefault(fault, truth.pose_xyyaw.copy())
         f = min(1.0, (truth.t_ns * 1e-9 - fault.at_s) / fault.for_s)
         left = np.array([-math.sin(start[2]), math.cos(start[2])])
-        # The hand's way is the smooth step f^2 (3 - 2 f) of the shift: at rest at both ends.
+        # The push follows the smooth step f^2 (3 - 2 f) of the shift: at rest at both ends.
         aim = (fault.shift_m or 0.0) * f * f * (3.0 - 2.0 * f)
         pace = (fault.shift_m or 0.0) * 6.0 * f * (1.0 - f) / fault.for_s
         cos, sin = math.cos(truth.pose_xyyaw[2]), math.sin(truth.pose_xyyaw[2])
@@ -336,7 +337,7 @@ class Faults:
 
 
 class Glass:
-    """A world in which beams go through some places to what is behind them."""
+    """A world in which beams pass through panes and measure what is behind them."""
 
     def __init__(self, world: RayCaster, panes: Sequence[Fault]) -> None:
         """Put panes into a world.
@@ -348,7 +349,7 @@ class Glass:
         self._world, self._panes, self.t_ns = world, panes, 0
 
     def cast(self, origins_m: FloatArray, directions: FloatArray, cutoff_m: float) -> FloatArray:
-        """Measure ranges as `RayCaster.cast` does; a beam goes through four surfaces at most.
+        """Measure ranges as `RayCaster.cast` does. A beam passes through four surfaces at most.
 
         Args:
             origins_m: (n, 3) in the world, m.
@@ -356,7 +357,7 @@ class Glass:
             cutoff_m: longest range, m.
 
         Returns:
-            (n,) ranges, m; -1 where nothing is met within the cutoff.
+            (n,) ranges, m; -1 where a beam hits nothing within the cutoff.
         """
         ranges = self._world.cast(origins_m, directions, cutoff_m)
         panes = [p for p in self._panes if p.on(self.t_ns)]
@@ -375,7 +376,7 @@ class Glass:
     def _beyond(
         self, end: FloatArray, direction: FloatArray, range_m: float, cutoff_m: float
     ) -> float:
-        """Range, m, of a beam that goes on behind the glass; -1 where it meets nothing."""
+        """Continue a beam behind the glass: its whole range, m, or -1 where it hits nothing."""
         start = (end + _THROUGH_M * direction)[None]
         more = float(self._world.cast(start, direction[None].copy(), cutoff_m)[0])
         total = range_m + _THROUGH_M + more

@@ -1,7 +1,7 @@
-"""The plant: MuJoCo's rigid bodies, the tracks' forces on them, and rays cast among them.
+"""The plant: MuJoCo's rigid bodies, the tracks' forces on them, and ray casting.
 
-It advances by one control period at a time. It takes motor voltages, and gives the ground truth and
-ranges to the sensors. Nothing else in the loop holds the physical state.
+It advances by one control period at a time. Its input is the motor voltages. It gives the ground
+truth and ranges to the sensors. Only the plant holds the physical state.
 """
 
 from __future__ import annotations
@@ -47,22 +47,22 @@ from simloop.physics.vehicle_geoms import (
 )
 from simloop.truth import LooseTruth, TrackTruth, Truth
 
-_TURNING_RADPS = 0.02  # yaw rate below which a centre of rotation is not defined well
-_STILL_MPS = 0.01  # belt speed of a vehicle that stands
-_WHEEL_M = 0.06  # half side of the square of ice under a road wheel; within the wheel's own side
-_DROP_M = 0.001  # height over the ground from which a reset lets the vehicle settle
+_TURNING_RADPS = 0.02  # yaw rate below which the centre of rotation is badly defined
+_STILL_MPS = 0.01  # belt speed below which the vehicle counts as standing
+_WHEEL_M = 0.06  # half side of the square of ice under a road wheel; smaller than the wheel
+_DROP_M = 0.001  # a reset places the vehicle this high over the ground, then lets it settle
 
 
 class Plant:
     """A vehicle in its arena, stepped with a fixed period."""
 
     def __init__(self, model: mujoco.MjModel, config: Config) -> None:
-        """Make the plant, not yet at rest: call `reset` before the first step.
+        """Make the plant. It is not at rest yet: call `reset` before the first step.
 
         Args:
             model: an arena with the vehicle attached (see `arena.build`). The plant works on a copy
                 with the configuration's time step and rotors.
-            config: the settings; of ``config.vehicle``, which is the robot's belief, none is read.
+            config: the settings. ``config.vehicle`` is not read: it is what the robot believes.
 
         Raises:
             ValueError: the model lacks what the tracks need.
@@ -76,13 +76,13 @@ class Plant:
         self._rays = ArenaRays(model, data)
         self._imu = site_in_base(model, "imu")
         self._joint_friction = model.dof_frictionloss.copy()
-        # Loose things of the arena may come first. All that the kernels see begins at the vehicle.
+        # The arena's movable bodies may come first. The kernels' views begin at the vehicle.
         root = model.joint("root")
         at, dof = int(root.qposadr[0]), int(root.dofadr[0])
         joints = [model.joint(f"sprocket_{side}_joint") for side in ("left", "right")]
         self._sprocket_dof = np.array([j.dofadr[0] - dof for j in joints], np.int64)
         self._sprocket_qpos = np.array([j.qposadr[0] - at for j in joints], np.int64)
-        self._qpos, self._qvel = data.qpos[at:], data.qvel[dof:]  # views that stay
+        self._qpos, self._qvel = data.qpos[at:], data.qvel[dof:]  # views, valid for good
         self._body = body_arrays(model, data, dof)
         self._geoms = Geoms(geom_kinds(model), model.geom_bodyid, self._sprocket_dof)
         # The tracks: their constants, their state, and the ground's friction with and without ice.
@@ -94,7 +94,7 @@ class Plant:
         self._zones = self._ground
         self._voltage, self._braked = np.zeros(2), False
         self._contacts, self._hits, self._touching = 0, 0, False
-        self._way: FloatArray | None = None  # of the movers in one physics step
+        self._way: FloatArray | None = None  # displacement of the movers in one physics step, m
         others = [i for i in range(1, model.nbody) if i != self._body.base]
         self._loose = [i for i in others if is_free(model, i) or model.body_mocapid[i] >= 0]
         self._loose_names = tuple(model.body(i).name for i in self._loose)
@@ -102,12 +102,12 @@ class Plant:
 
     @property
     def tracks(self) -> TrackState:
-        """The tracks' inner state: brush displacements, wheel loads, currents, forces."""
+        """The tracks' internal state: brush displacements, wheel loads, currents, forces."""
         return self._state
 
     @property
     def sprocket_radius_m(self) -> float:
-        """The sprockets' true radius, m, which the robot may believe to be another."""
+        """The sprockets' true radius, m. The robot may believe another value."""
         return self._radius_m
 
     @property
@@ -121,7 +121,7 @@ class Plant:
         return self.model.site("camera").pos.copy()
 
     def cast(self, origins_m: FloatArray, directions: FloatArray, cutoff_m: float) -> FloatArray:
-        """Ranges of the LiDAR's rays of one control period, see `ArenaRays.cast`.
+        """Cast the LiDAR's rays of one control period, see `ArenaRays.cast`.
 
         Args:
             origins_m: (n, 3) in the world, millimetres apart, m.
@@ -129,12 +129,12 @@ class Plant:
             cutoff_m: longest range, m.
 
         Returns:
-            (n,) ranges, m; -1 where nothing is met within the cutoff.
+            (n,) ranges, m; -1 where a ray hits nothing within the cutoff.
         """
         return self._rays.cast(origins_m, directions, cutoff_m)
 
     def look(self, origin_m: FloatArray, directions: FloatArray, cutoff_m: float) -> FloatArray:
-        """Ranges of a camera's rays, all from one origin.
+        """Cast a camera's rays, all from one origin.
 
         Args:
             origin_m: (3,) in the world, m.
@@ -142,22 +142,22 @@ class Plant:
             cutoff_m: longest range, m.
 
         Returns:
-            (n,) ranges, m; -1 where nothing is met within the cutoff.
+            (n,) ranges, m; -1 where a ray hits nothing within the cutoff.
         """
         return self._rays.look(origin_m, directions, cutoff_m)
 
     def reset(self, pose: FloatArray, settle_s: float = 0.5, braked: bool = False) -> Truth:
         """Put the vehicle at a pose, let it settle, and start the clock at 0.
 
-        Everything is as in a new plant afterwards: ice, pushes and the movers' ways are gone.
+        The plant is as new afterwards: ice, pushes and the movers' displacements are gone.
 
         Args:
             pose: (3,) x, y, m, and yaw, rad, in the world.
-            settle_s: how long it settles, s.
-            braked: whether the holding brakes are on from the beginning.
+            settle_s: time to settle, s.
+            braked: whether the holding brakes are on from the start.
 
         Returns:
-            The truth at the clock's 0.
+            The truth at time 0.
         """
         mujoco.mj_resetData(self.model, self.data)
         self.model.dof_frictionloss[:] = self._joint_friction
@@ -170,7 +170,7 @@ class Plant:
         mujoco.mj_forward(self.model, self.data)
         for _ in range(round(settle_s / self.model.opt.timestep)):
             self._step()
-        # What happened while it settled does not count.
+        # Work and contacts of the settling time do not count.
         self._state.work[:] = 0.0
         self.data.time = 0.0
         self.t_ns, self._contacts, self._hits, self._touching = 0, 0, 0, False
@@ -180,10 +180,10 @@ class Plant:
         """Advance by one control period.
 
         Args:
-            voltage_v: (2,) of the motors, left and right, V.
+            voltage_v: (2,) motor voltages, left and right, V.
 
         Returns:
-            The truth at the period's end.
+            The truth at the end of the period.
         """
         self._voltage[:] = voltage_v
         before = self._imu_velocity()
@@ -198,15 +198,15 @@ class Plant:
         """Put the holding brakes of both sprockets on or off; the voltages stay as they are.
 
         Args:
-            on: whether they hold from now on.
+            on: whether the brakes hold from now on.
         """
         self._braked = on
 
     def ice(self, frictions: tuple[float | None, float | None]) -> None:
-        """Change the ground's friction under the tracks, where they are now.
+        """Change the ground's friction under the tracks at their present place.
 
         Args:
-            frictions: under the left and the right track; None: the ground's own.
+            frictions: coefficients under the left and the right track; None: the ground's own.
         """
         places = self.data.geom_xpos[self._wheel_geoms].reshape(2, -1, 3)
         rows = [
@@ -227,10 +227,10 @@ class Plant:
         self._body.joint_force[:2] = force_n
 
     def move(self, places_m: FloatArray) -> None:
-        """Send the movers on their way, evenly over the next control period.
+        """Move the movers evenly over the next control period.
 
         Args:
-            places_m: (n, 2) where they are at its end, in the world, m, in the model's order.
+            places_m: (n, 2) positions at its end, in the world, m, in the model's order.
         """
         self._way = (places_m - self.data.mocap_pos[:, :2]) / self.substeps
 
@@ -248,13 +248,13 @@ class Plant:
         """Read the truth of this instant.
 
         The proper acceleration is the mean over the last control period, as an averaging sensor
-        has it, in the axes of the period's end.
+        measures it. Its axes are those of the period's end.
 
         Args:
             imu_before: (3,) the IMU's velocity in the world one control period ago, m/s.
 
         Returns:
-            The truth, whose arrays are its own.
+            The truth. Its arrays are copies.
         """
         block = motion_now(
             self._qpos,
@@ -286,7 +286,7 @@ class Plant:
         )
 
     def track_truth(self) -> TrackTruth:
-        """Read what the tracks do now; centres of rotation as in Martinez et al. 2005.
+        """Read the state of the tracks now. Centres of rotation as in Martinez et al. 2005.
 
         Returns:
             Slip, centres of rotation, wheel loads and shear work.
@@ -303,10 +303,10 @@ class Plant:
         )
 
     def loose_truth(self) -> LooseTruth | None:
-        """Read where the loose things and the movers are now.
+        """Read the present poses of the movable bodies and the movers.
 
         Returns:
-            Their poses; None where there are none.
+            Their poses; None if there are none.
         """
         if not self._loose:
             return None
@@ -316,20 +316,20 @@ class Plant:
         )
 
     def work_j(self) -> FloatArray:
-        """Work since the reset, up to now; ``tracks.work`` lacks the last step's.
+        """Compute the work since the reset, up to now. ``tracks.work`` lacks the last step's.
 
         Returns:
-            (4,) J: electrical, shear, friction of joints, the motors' shafts.
+            (4,) J: electrical, shear, joint friction, motor shafts.
         """
         block = self._block.copy()
         settle_account(self._geoms, self._body, block, self._parameters)
         return np.array(block["work"][0], np.float64)
 
     def state_hash(self) -> str:
-        """Digest of the whole physical state.
+        """Compute a digest of the whole physical state.
 
         Returns:
-            16 hexadecimal digits, equal only where every bit of the state is.
+            16 hexadecimal digits. They are equal only if every bit of the state is equal.
         """
         digest = hashlib.sha256()
         data = self.data
@@ -339,7 +339,7 @@ class Plant:
         return digest.hexdigest()[:16]
 
     def _step(self) -> None:
-        """One physics step, and the count of contacts that begin in it."""
+        """Do one physics step, and count the contacts that begin in it."""
         contact, force = self.data.contact, self.data.efc_force
         apply_tracks(
             ContactArrays(contact.geom, contact.pos, contact.frame, contact.efc_address, force),
@@ -359,18 +359,18 @@ class Plant:
         self._touching = touching
 
     def _stands(self) -> bool:
-        """Whether the motors are off and the belts at rest; once hit, it may be pushed about."""
+        """Tell whether the motors are off and the belts at rest. After a hit, belts may move."""
         pushed = self._hits > 0
         belts = self._radius_m * np.abs(self._qvel[self._sprocket_dof]).max()
         return not self._voltage.any() and bool(pushed or belts < _STILL_MPS)
 
     def _stand(self, pose: FloatArray) -> None:
-        """Set place and heading to a pose (3,) on level ground; the height stays."""
+        """Set position and heading to a pose (3,) on level ground. The height does not change."""
         self._qpos[:2] = pose[:2]
         self._qpos[3:7] = np.cos(pose[2] / 2), 0.0, 0.0, np.sin(pose[2] / 2)
 
     def _under(self, pose: FloatArray) -> float:
-        """How high the ground reaches under the road wheels at a pose (3,), m."""
+        """Compute the highest ground, m, under the road wheels at a pose (3,)."""
         if not self._terrain:
             return 0.0
         cos, sin = np.cos(pose[2]), np.sin(pose[2])
@@ -379,5 +379,5 @@ class Plant:
         return ground_height(self.model, self.data, self._terrain, places)
 
     def _imu_velocity(self) -> FloatArray:
-        """(3,) m/s, in the world, now."""
+        """Compute the IMU's velocity (3,) in the world now, m/s."""
         return point_velocity(self._qpos, self._qvel, self._imu)

@@ -1,4 +1,4 @@
-"""What a plant makes of its model and configuration before the first step."""
+"""Prepare what a plant needs from its model and configuration before the first step."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ _GRAVITY_MPS2 = 9.81
 
 
 def own_copy(model: mujoco.MjModel, config: Config) -> mujoco.MjModel:
-    """Copy a model, with the configuration's time step and rotors.
+    """Copy a model, and set the configuration's time step and rotor inertia in the copy.
 
-    One world may serve several plants, and each step writes the joints' friction into the model.
+    One world may serve several plants, and each step writes the joints' friction into its model.
 
     Args:
-        model: an arena with the vehicle; it stays as it is.
+        model: an arena with the vehicle; not changed.
         config: the settings.
 
     Returns:
@@ -33,7 +33,7 @@ def own_copy(model: mujoco.MjModel, config: Config) -> mujoco.MjModel:
 
 
 def track_constants(model: mujoco.MjModel, config: Config) -> TrackParameters:
-    """Collect the track kernels' constants: measures and weight of the model, the rest as set.
+    """Collect the track kernels' constants: sizes and weight from the model, the rest from config.
 
     Args:
         model: an arena with the vehicle.
@@ -42,7 +42,7 @@ def track_constants(model: mujoco.MjModel, config: Config) -> TrackParameters:
     Returns:
         The constants.
     """
-    # Each road wheel stands for as much belt as there is between two of them.
+    # Each road wheel carries as much belt as there is between two wheels.
     x = model.geom_pos[road_wheels(model), 0]
     a_side = len(x) // 2
     return track_parameters(
@@ -61,10 +61,10 @@ def body_arrays(model: mujoco.MjModel, data: mujoco.MjData, dof: int) -> BodyArr
     Args:
         model: an arena with the vehicle.
         data: its state.
-        dof: the vehicle's first degree of freedom; other bodies may come before it.
+        dof: the vehicle's first degree of freedom. Other bodies may come before it.
 
     Returns:
-        The views, which stay valid as long as the model and its state.
+        The views. They are valid as long as the model and its state.
     """
     base = model.body("base_link").id
     return BodyArrays(

@@ -1,8 +1,8 @@
-"""Sort MuJoCo's contacts of the road wheels into patches that are recognised from step to step.
+"""Sort MuJoCo's contacts of the road wheels into patches that persist from step to step.
 
 A road wheel may touch several surfaces at once, for example the ground and the edge of a step. Each
-surface is a patch with shear of its own. A patch is recognised in the next step by the body that it
-lies on and by its normal.
+surface is a patch with its own shear. In the next step, a patch is recognised by the body under it
+and by its normal.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from simloop.physics.track_model import (
     Record,
 )
 
-_SAME_SURFACE = 0.9  # cosine between a patch's normals in two steps
-_ON_ITS_SIDE = 0.7  # part of the normal along the axle beyond which no belt touches
+_SAME_SURFACE = 0.9  # least cosine between the normals of one patch in two steps
+_ON_ITS_SIDE = 0.7  # if more of the normal points along the axle, no belt touches the surface
 
 
 @njit(cache=True, error_model="numpy")
@@ -36,16 +36,16 @@ def patch_of(
         state: a row of `STATE_BLOCK`; the patch's body and normal are updated.
         touched: (wheels, PATCHES, 7) this step's sums, see `gather`.
         wheel: the wheel's number.
-        body: number of the body that is touched.
-        nx: the contact's normal in base_link, towards the vehicle; x.
-        ny: its y.
-        nz: its z.
+        body: number of the touched body.
+        nx: x of the contact's normal in base_link, towards the vehicle.
+        ny: y of the normal.
+        nz: z of the normal.
 
     Returns:
         The patch's index, 0 to PATCHES - 1.
     """
-    # The patch on the same body with the most similar normal, and a free place for a new patch:
-    # one that nothing touches in this step, best one that holds no shear.
+    # Find the patch on the same body with the most similar normal, and a free place for a new
+    # patch. A place is free if nothing touches it in this step; best is one without shear.
     best, free, likest = -1, -1, -2.0
     for s in range(PATCHES):
         normal = state.normal[wheel, s]
@@ -55,7 +55,7 @@ def patch_of(
             best, likest = s, cosine
         if touched[wheel, s, 0] == 0.0 and (free < 0 or not np.any(normal)):
             free = s
-    # A new surface starts without shear. Where no place is free it joins the nearest patch.
+    # A new surface starts without shear. If no place is free, it joins the most similar patch.
     if likest < _SAME_SURFACE and free >= 0:
         best = free
         state.mean[wheel, best] = 0.0
@@ -74,26 +74,26 @@ def patch_of(
 def gather(
     contacts: ContactArrays, geoms: Geoms, body: BodyArrays, state: Record, touched: FloatArray
 ) -> None:
-    """Sum the contacts into patches, wheel loads, and touches of obstacles.
+    """Sum the contacts into patches and wheel loads, and count the contacts with obstacles.
 
     Args:
         contacts: MuJoCo's contacts of the last step.
-        geoms: what each geom is.
+        geoms: kind of each geom.
         body: MuJoCo's bodies; the rotation of base_link is read.
-        state: a row of `STATE_BLOCK`; ``load`` and ``touching`` are added to, patches updated.
-        touched: (wheels, PATCHES, 7) zeros, to which is added: the load, N; load times position
-            in the world, N m; load times normal in the world, N.
+        state: a row of `STATE_BLOCK`; ``load`` and ``touching`` are increased, patches updated.
+        touched: (wheels, PATCHES, 7) zeros on entry. The sums are added to it: load, N; load times
+            position in the world, N m; load times normal in the world, N.
     """
     rot = body.rotation
     for c in range(contacts.geom.shape[0]):
-        # Which of the two geoms is the vehicle's. Vehicle kinds are the larger numbers.
+        # Find which of the two geoms is the vehicle's. Vehicle kinds are the larger numbers.
         one, two = contacts.geom[c, 0], contacts.geom[c, 1]
         first, second = geoms.kind[one], geoms.kind[two]
         mine, other = max(first, second), min(first, second)
         if mine >= HULL and other == OBSTACLE:
             state.touching[0] += 1
-        # Only loaded contacts of a road wheel carry shear; row is negative where MuJoCo left one
-        # out of its constraints.
+        # Only a loaded contact of a road wheel carries shear. The row is negative where MuJoCo
+        # left the contact out of its constraints.
         if mine < WHEEL or other >= HULL or contacts.row[c] < 0:
             continue
         load = contacts.force[contacts.row[c]]
@@ -109,12 +109,12 @@ def gather(
         bz = rot[2] * nx + rot[5] * ny + rot[8] * nz
         wheel = mine - WHEEL
         state.load[wheel] += load
-        # A wheel that is touched on its flank has no belt there.
+        # There is no belt on the side of a wheel.
         if abs(by) > _ON_ITS_SIDE:
             continue
         on = geoms.body[one] if second >= WHEEL else geoms.body[two]
         patch = patch_of(state, touched, wheel, on, bx, by, bz)
-        # Weighted by load, so that the quotients are the patch's centre of pressure and normal.
+        # Weighted by load: divided by the load, the sums are the centre of pressure and the normal.
         row = touched[wheel, patch]
         row[0] += load
         for k in range(3):
@@ -128,7 +128,7 @@ def gather(
 def forget_and_rank(state: Record, touched: FloatArray) -> None:
     """Clear the patches that touch nothing, and find each wheel's most loaded patch.
 
-    A belt in the air is unstrained. The next wheel downstream takes over the shear of the most
+    A belt in the air is not strained. The next wheel downstream takes over the shear of the most
     loaded patch.
 
     Args:

@@ -1,7 +1,7 @@
-"""The compiled step of the tracks: contacts to patches, patches to shear, shear to sprockets.
+"""The compiled step of the tracks: from contacts to patches, to shear, to sprocket torques.
 
-`track_model` describes the model and the arrays, `track_contacts` the patches, `brush` the shear of
-one cell. docs/tracks.md holds the derivation.
+`track_model` describes the model and the arrays, `track_contacts` the patches, and `brush` the
+shear of one cell. docs/tracks.md holds the derivation.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ def apply_tracks(
 ) -> None:
     """Write the tracks' forces and torques of the next physics step into MuJoCo's inputs.
 
-    The normal loads are those of the last step's contacts, so the shear is explicit in time.
+    The normal loads are those of the last step's contacts: the shear is explicit in time.
 
     Args:
         contacts: MuJoCo's contacts of the last step.
-        geoms: what each geom is to the tracks.
+        geoms: kind of each geom.
         zones: the ground's friction, see `friction_map`.
-        voltage: (2,) of the motors, left and right, V.
+        voltage: (2,) motor voltages, left and right, V.
         braked: whether the holding brakes are on.
         body: views into MuJoCo's state; ``wrench``, ``joint_force`` and ``joint_friction`` are
             written.
@@ -57,7 +57,7 @@ def apply_tracks(
     """
     state, p = block[0], constants[0]
     spin = _spin(body)
-    # Count the last step's work while its forces are still there.
+    # Count the last step's work first, because its forces are overwritten below.
     _account(spin, geoms, body, state, p)
     # Contacts become patches with a load, a centre of pressure and a normal.
     body.wrench[:] = 0.0
@@ -67,7 +67,7 @@ def apply_tracks(
     touched[: state.wheels] = 0.0
     gather(contacts, geoms, body, state, touched)
     forget_and_rank(state, touched)
-    # Patches give shear to the chassis and the ground; its sum goes to the sprocket.
+    # The patches' shear acts on the chassis and the ground. Its sum acts on the sprocket.
     for side in range(2):
         track_load = _shear_belt(side, spin, zones, touched, geoms, body, state, p)
         _drive(side, track_load, voltage[side], braked, geoms, body, state, p)
@@ -77,12 +77,12 @@ def apply_tracks(
 def settle_account(
     geoms: Geoms, body: BodyArrays, block: NDArray[np.void], constants: NDArray[np.void]
 ) -> None:
-    """Add the work of the step just done, which `apply_tracks` would add in the next step.
+    """Add the work of the last step, which `apply_tracks` would add in the next step.
 
-    It is meant for a copy of the block, where energy is balanced between two steps.
+    Apply it to a copy of the block, to balance the energy between two steps.
 
     Args:
-        geoms: what each geom is to the tracks.
+        geoms: kind of each geom.
         body: views into MuJoCo's state.
         block: (1,) of `STATE_BLOCK`; ``work`` and ``last`` are updated.
         constants: (1,) the `TrackParameters`.
@@ -97,7 +97,7 @@ def _cross(ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> 
 
 @njit(cache=True, error_model="numpy")
 def _spin(body: BodyArrays) -> Any:
-    """Angular velocity of base_link, rad/s, in the world."""
+    """Compute the angular velocity of base_link in the world, rad/s."""
     rot, vel = body.rotation, body.velocity
     return (
         rot[0] * vel[3] + rot[1] * vel[4] + rot[2] * vel[5],
@@ -108,7 +108,7 @@ def _spin(body: BodyArrays) -> Any:
 
 @njit(cache=True, error_model="numpy")
 def _velocity(body: BodyArrays, number: int, x: float, y: float, z: float) -> Any:
-    """Velocity, m/s, of a body's point, in the world, as of the last step."""
+    """Compute the velocity of a body's point in the world, m/s, as of the last step."""
     # MuJoCo's cvel is (angular, linear), the linear part at the tree's centre of mass.
     v, about = body.cvel[number], body.subtree_com[body.root[number]]
     ux, uy, uz = _cross(v[0], v[1], v[2], x - about[0], y - about[1], z - about[2])
@@ -141,14 +141,14 @@ def _shear_belt(
     state: Record,
     p: TrackParameters,
 ) -> float:
-    """Shear all patches of one belt, in the order in which the belt meets them; its load, N."""
+    """Shear all patches of one belt in the order of its motion; returns the belt's load, N."""
     a_side = state.wheels // 2
     entering = state.entering
     belt = p.radius * body.velocity[geoms.sprocket_dof[side]]
     thrust, slipping, track_load = 0.0, 0.0, 0.0
     for step in range(a_side):
-        # A belt that drives forward meets the ground under the foremost wheel, and carries its
-        # shear from there to the rear.
+        # A belt that drives forward meets the ground under the front wheel, and carries its shear
+        # from there to the rear.
         i = step if belt >= 0.0 else a_side - 1 - step
         wheel = side * a_side + i
         upstream = wheel - 1 if belt >= 0.0 else wheel + 1
@@ -157,13 +157,13 @@ def _shear_belt(
             row = touched[wheel, s]
             if row[0] == 0.0:
                 continue
-            # Transport: the wheel upstream passes its shear on, unless it is in the air. The
+            # Transport: the upstream wheel passes its shear on, unless it is in the air. The
             # belt's first wheel gets unstrained rubber.
             entering[:] = 0.0
             if step > 0 and state.main[upstream] >= 0:
                 half = 1 if belt >= 0.0 else 0
                 entering[:] = state.outlet[upstream, state.main[upstream], half]
-            # Zones are of the ground. Movable bodies have the tracks' own friction.
+            # Zones belong to the ground. Movable bodies have the tracks' own friction.
             friction = p.friction
             if not body.moves[state.body[wheel, s]]:
                 friction = friction_at(row[1] / row[0], row[2] / row[0], zones, p.friction)
@@ -190,7 +190,7 @@ def _shear_patch(
     state: Record,
     p: TrackParameters,
 ) -> Any:
-    """Advance a patch's two cells and apply their shear; thrust, N, and slip along it, m/s."""
+    """Advance a patch's two cells and apply their shear; returns thrust, N, and slip, m/s."""
     load = row[0]
     size = math.sqrt(row[4] * row[4] + row[5] * row[5] + row[6] * row[6])
     normal = (row[4] / size, row[5] / size, row[6] / size)
@@ -201,22 +201,22 @@ def _shear_patch(
     slip, rate = state.sliding, state.rate
     thrust, slipping = 0.0, 0.0
     for step in range(2):
-        # The upstream cell first; half 0 is the front one, half a cell ahead of the centre.
+        # The upstream cell first. Half 0 is the front cell, half a cell ahead of the centre.
         half = step if belt >= 0.0 else 1 - step
         ahead = (0.5 - half) * p.cell
         x, y = row[1] / load + ahead * tx, row[2] / load + ahead * ty
         z = row[3] / load + ahead * tz
-        # Slip v: the belt's surface against the surface under it.
+        # Slip v: the velocity of the belt's surface relative to the surface under it.
         ux, uy, uz = _relative_velocity(body, number, spin, x, y, z)
         slip[0] = ux * tx + uy * ty + uz * tz - belt
         slip[1] = ux * sx + uy * sy + uz * sz
-        # The brush's state (see `brush`), and its force within the cell's share of mu N.
+        # The state of the brush (see `brush`), and its force within the cell's share of mu N.
         mean, outlet = state.mean[wheel, s, half], state.outlet[wheel, s, half]
         advance_cell(mean, outlet, rate, entering, slip, belt, p.cell, p.shear_modulus, p.dt)
         most = 0.5 * friction * min(load, p.most_load)
         push, aside = cell_force(mean, rate, p.shear_modulus, p.shear_damping, most)
         entering[0], entering[1] = outlet[0], outlet[1]
-        # On the vehicle, and the opposite on what lies under it: momentum is conserved.
+        # The force acts on the vehicle, and its opposite on the body under it.
         force = (push * tx + aside * sx, push * ty + aside * sy, push * tz + aside * sz)
         _push(body, body.base, (x, y, z), force, 1.0)
         if body.moves[number]:
@@ -228,7 +228,7 @@ def _shear_patch(
 
 @njit(cache=True, error_model="numpy")
 def _belt_axes(body: BodyArrays, normal: Any) -> Any:
-    """Unit vectors along the belt, t = (base_link's y) x n, and across it, s = n x t."""
+    """Compute the unit vectors along the belt, t = (base_link's y) x n, and across, s = n x t."""
     rot = body.rotation
     nx, ny, nz = normal
     tx, ty, tz = _cross(rot[1], rot[4], rot[7], nx, ny, nz)
@@ -241,7 +241,7 @@ def _belt_axes(body: BodyArrays, normal: Any) -> Any:
 def _relative_velocity(
     body: BodyArrays, number: int, spin: Any, x: float, y: float, z: float
 ) -> Any:
-    """Velocity, m/s, of the chassis at a point against that of the body under it, in the world."""
+    """Compute the chassis's velocity at a point relative to the body under it, world, m/s."""
     pos, vel = body.position, body.velocity
     ux, uy, uz = _cross(spin[0], spin[1], spin[2], x - pos[0], y - pos[1], z - pos[2])
     ux, uy, uz = vel[0] + ux, vel[1] + uy, vel[2] + uz
@@ -266,13 +266,13 @@ def _drive(
     dof = geoms.sprocket_dof[side]
     current = motor_current(voltage, body.velocity[dof], p)
     state.current[side] = current
-    # Where the driver limits the current, it lowers the terminal voltage to what drives just that
-    # current. The battery pays for this voltage and not for the one that was asked for.
+    # Where the driver limits the current, it lowers the terminal voltage to the value that drives
+    # this current. The battery supplies this voltage, not the requested one.
     terminal = p.resistance * current + p.back_emf * body.velocity[dof]
     state.work[0] += terminal * current * p.dt
-    # What the belt gives to the ground, the sprocket pays: -r F.
+    # The force of the belt on the ground loads the sprocket: -r F.
     body.joint_force[dof] = p.torque_per_a * current - p.radius * state.track_force[side]
-    # Dry friction is left to MuJoCo's solver, which can hold a joint at rest.
+    # MuJoCo's solver applies the dry friction, because it can hold a joint at rest.
     friction = p.gear_friction + p.rolling_resistance * track_load * p.radius
     body.joint_friction[dof] = friction + (p.brake_torque if braked else 0.0)
 
@@ -294,8 +294,8 @@ def _account(spin: Any, geoms: Geoms, body: BodyArrays, state: Record, p: TrackP
     for k in range(6):
         shear -= wrench[k] * 0.5 * (last[k] + twist[k])
         last[k] = twist[k]
-    # Movable bodies under the tracks. Their cvel is that of the step's beginning, so this part is
-    # exact to first order in dt only.
+    # Movable bodies under the tracks. Their cvel is that of the start of the step, so this part is
+    # exact only to first order in dt.
     for number in range(1, body.moves.shape[0]):
         if number != body.base and body.moves[number] and np.any(body.wrench[number]):
             at, force = body.com[number], body.wrench[number]
@@ -303,7 +303,7 @@ def _account(spin: Any, geoms: Geoms, body: BodyArrays, state: Record, p: TrackP
             v = body.cvel[number]
             shear -= force[0] * vx + force[1] * vy + force[2] * vz
             shear -= force[3] * v[0] + force[4] * v[1] + force[5] * v[2]
-    # The belts: the sprockets give r F w to the shear; joints lose friction, shafts give torque.
+    # The belts: sprockets put r F w into the shear, joints lose friction, shafts supply torque.
     for side in range(2):
         dof = geoms.sprocket_dof[side]
         speed = 0.5 * (last[6 + side] + vel[dof])

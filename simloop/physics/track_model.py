@@ -1,18 +1,17 @@
 """The model of the tracks: its constants, its state, and the arrays that its kernels share.
 
 MuJoCo solves the frictionless support contacts of the road wheels. The shear forces are computed
-here. Each road wheel stands for its share of the belt, which is cut into a front and a rear cell
-(see `brush`). Where the wheel touches, the cells' shear acts on the vehicle, and the opposite force
-on any movable body under it. The sprocket pays for what the belt gives to the ground: its joint
-feels the torque -r sum(F . t), with t the belt's direction at the contact and r the sprocket's
-radius.
+here. Each road wheel carries its share of the belt, which is cut into a front and a rear cell (see
+`brush`). Where the wheel touches, the cells' shear acts on the vehicle, and the opposite force acts
+on any movable body under it. The sprocket bears the reaction of the belt: its joint feels the
+torque -r sum(F . t), with t the belt's direction at the contact and r the sprocket's radius.
 
 A wheel may touch several surfaces at once, for example the ground and the edge of a step. Each
-surface is a patch with cells of its own (see `track_contacts`).
+surface is a patch with its own cells (see `track_contacts`).
 
 The motor (EMG49) is a voltage source behind a resistance and a back electromotive force. Its driver
-limits the current. Gear friction is the joint's ``frictionloss``, to which the rolling resistance
-of the loaded track is added, and the holding brake where it is on.
+limits the current. The joint's ``frictionloss`` is the sum of the gear friction, the rolling
+resistance of the loaded track, and the holding brake's torque if the brake is on.
 """
 
 from __future__ import annotations
@@ -28,16 +27,16 @@ from simloop.common.grey_image import read_grey
 from simloop.config import FrictionImage, FrictionZone, MotorConfig, TracksConfig
 from simloop.messages import FloatArray
 
-# What a geom is to the kernels; road wheel i is WHEEL + i.
+# Kinds of geoms in the kernels. Road wheel i is WHEEL + i.
 GROUND, OBSTACLE, HULL, WHEEL = 0, 1, 2, 3
 PATCHES = 3
-"""Surfaces that one road wheel can touch at a time."""
+"""Most surfaces that one road wheel can touch at a time."""
 Record = Any
-"""A row of a structured array, as kernels see it: fields by name."""
+"""A row of a structured array in a kernel. Its fields have names."""
 MOST_WHEELS = 32
-"""Road wheels of both sides together, at most."""
-# Each argument of a kernel costs time in the interpreter at every call. Therefore all that is the
-# tracks' own lies in one block, whose size does not depend on the vehicle.
+"""Most road wheels, both sides together."""
+# Each argument of a kernel costs time in the interpreter at every call. Therefore the whole state
+# of the tracks is in one block, whose size does not depend on the vehicle.
 STATE_BLOCK = np.dtype(
     [
         ("mean", np.float64, (MOST_WHEELS, PATCHES, 2, 2)),
@@ -62,10 +61,10 @@ STATE_BLOCK = np.dtype(
 
 
 _HARDEST_WEIGHTS = 4.0
-"""Most load of a patch that friction is computed with, in weights of the vehicle.
+"""The largest load of a patch that gives friction, in weights of the vehicle.
 
-A harder blow lasts one or two steps. The kernel knows a step's load only when the step is done, so
-friction in proportion to such a blow would throw the vehicle instead of holding it.
+A harder impact lasts one or two steps. The kernel knows a step's load only after the step, so
+friction in proportion to such an impact would throw the vehicle instead of holding it.
 """
 
 
@@ -73,19 +72,19 @@ class TrackParameters(NamedTuple):
     """Constants of the track kernels.
 
     Attributes:
-        friction: Coulomb friction mu where no zone says otherwise.
+        friction: Coulomb friction mu outside all zones.
         shear_modulus: K, m.
         shear_damping: time constant c of the brush, s.
         rolling_resistance: drag over load.
-        radius: of the sprockets, m.
-        resistance: of a motor's armature, ohm.
-        torque_per_a: at the output shaft, N m/A.
-        back_emf: at the output shaft, V s/rad.
-        current_limit: of the driver, A.
-        gear_friction: at the output shaft, N m.
-        brake_torque: of a holding brake, N m.
+        radius: radius of the sprockets, m.
+        resistance: armature resistance of a motor, ohm.
+        torque_per_a: torque constant at the output shaft, N m/A.
+        back_emf: back-EMF constant at the output shaft, V s/rad.
+        current_limit: current limit of the driver, A.
+        gear_friction: gear friction at the output shaft, N m.
+        brake_torque: torque of a holding brake, N m.
         cell: length of a cell, half a road wheel's share of the belt, m.
-        most_load: most load of a patch that friction is computed with, N.
+        most_load: the largest load of a patch that gives friction, N.
         dt: physics step, s.
     """
 
@@ -108,24 +107,24 @@ class TrackParameters(NamedTuple):
 class TrackState(NamedTuple):
     """State and results of the kernels, as views into a block of `STATE_BLOCK`.
 
-    Wheels are ordered front to rear, left before right. The block's other fields are scratch.
+    Wheels are ordered front to rear, left before right. The block's other fields are work space.
 
     Attributes:
         mean: (wheels, PATCHES, 2, 2) mean shear displacement of each patch's front and rear cell,
             along and across the belt, m.
         outlet: (wheels, PATCHES, 2, 2) displacement at the cells' downstream ends, m.
-        normal: (wheels, PATCHES, 3) of the patches in base_link; 0 where there is no patch.
-        body: (wheels, PATCHES) numbers of the bodies that they lie on.
-        main: (wheels,) the most loaded patch, -1 where there is none.
-        load: (wheels,) N.
-        current: (2,) of the motors, left and right, A.
+        normal: (wheels, PATCHES, 3) normals of the patches in base_link; 0 where there is no patch.
+        body: (wheels, PATCHES) numbers of the bodies under the patches.
+        main: (wheels,) the most loaded patch; -1 where there is none.
+        load: (wheels,) load of each wheel, N.
+        current: (2,) motor currents, left and right, A.
         track_force: (2,) thrust along the belts, N.
-        slip: (2,) speed of the belts' surface over the ground, mean by load, m/s; negative: it
-            drives.
-        work: (4,) since the reset, J: electrical, shear, friction of joints, the motors' shafts.
+        slip: (2,) speed of the belts' surface over the ground, weighted by load, m/s; negative
+            if the belt drives.
+        work: (4,) work since the reset, J: electrical, shear, joint friction, motor shafts.
         last: (8,) velocities of the last step: base_link's at its centre of mass, linear (3,) m/s,
             angular (3,) rad/s, and the sprockets', rad/s.
-        touching: (1,) contacts of the vehicle with anything but the ground.
+        touching: (1,) number of the vehicle's contacts with obstacles.
     """
 
     mean: FloatArray
@@ -149,7 +148,7 @@ class TrackState(NamedTuple):
             block: (1,) of `STATE_BLOCK`.
 
         Returns:
-            Views, cut to the wheels that there are.
+            Views, cut to the number of wheels.
         """
         wheels = int(block["wheels"][0])
         fields = {name: block[name][0] for name in cls._fields}
@@ -158,7 +157,7 @@ class TrackState(NamedTuple):
 
 
 def state_block(wheels: int) -> NDArray[np.void]:
-    """Make the state of tracks that are at rest in the air.
+    """Make the state of tracks at rest in the air.
 
     Args:
         wheels: road wheels of both sides together.
@@ -179,7 +178,7 @@ def state_block(wheels: int) -> NDArray[np.void]:
 
 
 def as_block(values: tuple[float, ...]) -> NDArray[np.void]:
-    """Turn a named tuple of floats into a structured array, which costs a kernel one argument.
+    """Turn a named tuple of floats into a structured array: one argument for a kernel, not many.
 
     Args:
         values: the named tuple.
@@ -196,10 +195,10 @@ class ContactArrays(NamedTuple):
 
     Attributes:
         geom: (n, 2) the geoms that touch.
-        pos: (n, 3) in the world, m.
+        pos: (n, 3) positions in the world, m.
         frame: (n, 9) axes in the world; the first three are the normal from first to second geom.
         row: (n,) the contact's row in ``force``; negative where it has none.
-        force: (rows,) of the constraints, N.
+        force: (rows,) forces of the constraints, N.
     """
 
     geom: NDArray[np.int32]
@@ -210,13 +209,13 @@ class ContactArrays(NamedTuple):
 
 
 class BodyArrays(NamedTuple):
-    """Views into MuJoCo's state, which stay where they are.
+    """Views into MuJoCo's state. They stay valid.
 
-    Kernels read all but the three that are marked as written.
+    Kernels only read them, except the three that are marked as written.
 
     Attributes:
         position: (3,) of base_link in the world, m.
-        rotation: (9,) world_from_base, by rows.
+        rotation: (9,) world_from_base, row by row.
         velocity: (nv,) qvel from the vehicle's free joint on; the first six are base_link's linear
             velocity in the world, m/s, and its angular velocity in base_link, rad/s.
         com: (nbody, 3) centres of mass in the world, m.
@@ -225,7 +224,7 @@ class BodyArrays(NamedTuple):
         wrench: (nbody, 6) forces, N, and torques, N m, in the world; written.
         root: (nbody,) the roots of the bodies' trees.
         moves: (nbody,) whether a body can move.
-        joint_force: (nv,) N or N m, from the vehicle's free joint on; written.
+        joint_force: (nv,) applied, N or N m, from the vehicle's free joint on; written.
         joint_constraint: (nv,) constraint forces, N or N m.
         joint_friction: (nv,) dry friction, N or N m; written.
         base: base_link's number.
@@ -247,12 +246,13 @@ class BodyArrays(NamedTuple):
 
 
 class Geoms(NamedTuple):
-    """What the geoms and joints of the model are to the kernels.
+    """What the kernels must know of the model's geoms and joints.
 
     Attributes:
         kind: (ngeom,) GROUND, OBSTACLE, HULL, or WHEEL + the road wheel's number.
-        body: (ngeom,) the bodies that they belong to.
-        sprocket_dof: (2,) of the left and right sprocket, from the vehicle's free joint on.
+        body: (ngeom,) the geoms' bodies.
+        sprocket_dof: (2,) degrees of freedom of the left and right sprocket, counted from the
+            vehicle's free joint.
     """
 
     kind: NDArray[np.int64]
@@ -276,7 +276,7 @@ def track_parameters(
         radius_m: true radius of the sprockets, m.
         dt_s: physics step, s.
         cell_m: half a road wheel's share of the belt, m.
-        weight_n: of the vehicle, N.
+        weight_n: weight of the vehicle, N.
 
     Returns:
         The constants.
@@ -300,12 +300,12 @@ def track_parameters(
 
 
 class FrictionMap(NamedTuple):
-    """Friction of the ground from place to place.
+    """Friction of the ground at each place.
 
     Attributes:
         zones: (n, 5) x_min, y_min, x_max, y_max in map, m, and friction. Where zones overlap the
-            last one holds. A zone whose friction is NaN has that of ``image``.
-        image: (rows, columns) friction, laid over its zone: rows from y_min, columns from x_min.
+            last one holds. A zone whose friction is NaN takes it from ``image``.
+        image: (rows, columns) friction over its zone: rows from y_min, columns from x_min.
     """
 
     zones: FloatArray
@@ -316,7 +316,7 @@ def friction_map(zones: Sequence[FrictionZone], image: FrictionImage | None = No
     """Build the friction map of a scenario's ground.
 
     Args:
-        zones: rectangles with a friction of their own.
+        zones: rectangles with their own friction.
         image: a grey image that lies below all zones.
 
     Returns:
@@ -344,7 +344,7 @@ def friction_at(x: float, y: float, ground: FrictionMap, elsewhere: float) -> fl
         elsewhere: friction outside all zones.
 
     Returns:
-        The friction; in an image that of the nearest pixel.
+        The friction; in an image, that of the nearest pixel.
     """
     zones, image = ground.zones, ground.image
     for i in range(zones.shape[0] - 1, -1, -1):
@@ -360,10 +360,10 @@ def friction_at(x: float, y: float, ground: FrictionMap, elsewhere: float) -> fl
 
 @njit(cache=True)
 def motor_current(voltage: float, speed: float, p: TrackParameters) -> float:
-    """Armature current of a motor: (V - k_e w) / R, limited by the driver.
+    """Compute the armature current of a motor: (V - k_e w) / R, limited by the driver.
 
     Args:
-        voltage: V at the terminals that is asked for, V.
+        voltage: V, requested at the terminals, V.
         speed: w of the output shaft, rad/s.
         p: the constants.
 

@@ -1,7 +1,7 @@
 """Closed forms of a tracked vehicle on firm ground: drawbar, slopes, steps, motors.
 
-The simulated tracks are tested against these forms. They use nothing of the simulator. Turning and
-wheel loads are in `turning_theory`. The forms' numbers are those of the table in docs/tracks.md.
+The simulated tracks are tested against these forms. They use no code of the simulator. Turning and
+wheel loads are in `turning_theory`. The forms have the numbers of the table in docs/tracks.md.
 
 Symbols: L contact length, W weight on the ground, mu isotropic Coulomb friction, K shear modulus,
 i slip, r sprocket radius. SI units; x forward, y left.
@@ -24,10 +24,10 @@ _GRAVITY_MPS2 = 9.81
 
 
 def ground_speed(radius_m: float, sprocket_radps: float, slip: float) -> float:
-    """Forward speed of a vehicle that drives straight ahead: v = r w (1 - i). Form 1.
+    """Compute the speed of a vehicle that drives straight ahead: v = r w (1 - i). Form 1.
 
     Args:
-        radius_m: r of the sprockets, m.
+        radius_m: r, radius of the sprockets, m.
         sprocket_radps: w, rad/s.
         slip: i of the belts.
 
@@ -38,10 +38,10 @@ def ground_speed(radius_m: float, sprocket_radps: float, slip: float) -> float:
 
 
 def drawbar_ratio(slip: float, length_m: float, shear_modulus_m: float) -> float:
-    """Thrust of an evenly loaded belt over mu W: 1 - K/(iL) (1 - exp(-iL/K)). Form 5.
+    """Compute an evenly loaded belt's thrust over mu W: 1 - K/(iL) (1 - exp(-iL/K)). Form 5.
 
     It is the mean over the belt of the Janosi-Hanamoto curve 1 - exp(-j/K) with the shear
-    displacement j = i x, where x is the way since the belt met the ground.
+    displacement j = i x, where x is the distance from the point where the belt meets the ground.
 
     Args:
         slip: i; negative where the belt brakes.
@@ -52,14 +52,14 @@ def drawbar_ratio(slip: float, length_m: float, shear_modulus_m: float) -> float
         Thrust over mu W, -1 to 1.
     """
     reach = slip * length_m / shear_modulus_m
-    # The first term of the series: the form itself loses its digits here.
+    # The first term of the series, because the form loses its digits here.
     if abs(reach) < 1e-6:
         return 0.5 * reach
     return math.copysign(1.0 + math.expm1(-abs(reach)) / abs(reach), slip)
 
 
 def drawbar_ratio_bilinear(slip: float, length_m: float, shear_modulus_m: float) -> float:
-    """Thrust over mu W for the bilinear shear curve min(j / K, 1).
+    """Compute the thrust over mu W for the bilinear shear curve min(j / K, 1).
 
     Args:
         slip: i, 0 or more.
@@ -74,7 +74,7 @@ def drawbar_ratio_bilinear(slip: float, length_m: float, shear_modulus_m: float)
 
 
 def slip_at_drawbar(ratio: float, length_m: float, shear_modulus_m: float) -> float:
-    """Slip at which a belt gives a thrust: the inverse of `drawbar_ratio`.
+    """Compute the slip at which a belt gives a thrust: the inverse of `drawbar_ratio`.
 
     Args:
         ratio: thrust over mu W, below 1.
@@ -94,7 +94,7 @@ def slip_at_drawbar(ratio: float, length_m: float, shear_modulus_m: float) -> fl
 
 
 def holding_angle(friction: float) -> float:
-    """Steepest slope on which tracks that do not turn hold: atan(mu). Form 6.
+    """Compute the steepest slope on which blocked tracks hold: atan(mu). Form 6.
 
     Args:
         friction: mu.
@@ -108,9 +108,9 @@ def holding_angle(friction: float) -> float:
 def climbing_angle(
     thrust_n: float, weight_n: float, rolling_resistance: float, friction: float
 ) -> float:
-    """Steepest slope that a thrust climbs: sin t + f cos t = F/W, and tan t <= mu. Form 6.
+    """Compute the steepest slope a thrust climbs: sin t + f cos t = F/W, tan t <= mu. Form 6.
 
-    The rolling resistance f is lost inside the track. Therefore the ground bears W sin t alone.
+    The rolling resistance f is lost inside the track. Therefore the ground bears only W sin t.
 
     Args:
         thrust_n: F at the sprockets' rims, N.
@@ -127,20 +127,20 @@ def climbing_angle(
 
 
 def sliding_acceleration(friction: float, pitch_rad: float = 0.0) -> float:
-    """Downhill acceleration of locked tracks: g (sin t - mu cos t). Form 6.
+    """Compute the downhill acceleration of locked tracks: g (sin t - mu cos t). Form 6.
 
     Args:
         friction: mu.
         pitch_rad: slope t, rad.
 
     Returns:
-        Acceleration, m/s^2; negative where the vehicle slows down.
+        Acceleration, m/s^2; negative if the vehicle slows down.
     """
     return _GRAVITY_MPS2 * (math.sin(pitch_rad) - friction * math.cos(pitch_rad))
 
 
 def tipping_angle(distance_m: float, height_m: float) -> float:
-    """Slope on which a vehicle tips over an edge of its contact: tan t = x/h. Form 6.
+    """Compute the slope on which a vehicle tips over an edge of its contact: tan t = x/h. Form 6.
 
     Args:
         distance_m: x from the centre of gravity to the edge, along the ground, m.
@@ -155,16 +155,16 @@ def tipping_angle(distance_m: float, height_m: float) -> float:
 def climbable_step(
     friction: float, radius_m: float, lever_m: float, rear_m: float, centre_height_m: float
 ) -> float:
-    """Highest step onto which driven front wheels can pull themselves from level ground. Form 6.
+    """Compute the highest step that driven front wheels climb from level ground. Form 6.
 
-    Plane statics at the instant of lifting. The front wheel is on the step's edge, the rearmost
-    wheel on the ground, and both contacts are at their friction's limit. Forces along x and z and
-    moments about the centre of gravity balance. For equal levers and a low centre of gravity, the
-    edge's normal at the highest step is at t = 2 atan(mu) from the vertical.
+    The balance is plane statics at the instant of lifting. The front wheel is on the step's edge
+    and the rearmost wheel is on the ground. Both contacts are at the limit of friction. The forces
+    along x and z and the moments about the centre of gravity balance. For equal levers and a low
+    centre of gravity, the edge's normal at the highest step is at t = 2 atan(mu) from the vertical.
 
     Args:
         friction: mu.
-        radius_m: of the wheels, m.
+        radius_m: radius of the wheels, m.
         lever_m: from the centre of gravity forward to the front wheel, m.
         rear_m: from the centre of gravity back to the rearmost wheel, m.
         centre_height_m: height of the centre of gravity, m.
@@ -174,15 +174,15 @@ def climbable_step(
     """
 
     def margin(angle: float) -> float:
-        """Grip that is left at the rear wheel over the weight; angle: of the edge's normal."""
+        """Compute the unused grip at the rear wheel over the weight; angle: the edge's normal."""
         sin, cos = math.sin(angle), math.cos(angle)
         # Force of the edge along x and z, over its normal force N.
         push = friction * cos - sin
         lift = cos + friction * sin
-        # The edge, seen from the centre of gravity; it lies ahead and above the ground.
+        # The edge, seen from the centre of gravity. It lies ahead and above the ground.
         edge_x = lever_m + radius_m * sin
         edge_z = radius_m * (1.0 - cos) - centre_height_m
-        # Unknown: N at the edge, load and thrust at the rear. Three balances for W = 1.
+        # Unknown: N at the edge, load and thrust at the rear. There are three balances for W = 1.
         balance = np.array(
             [
                 [push, 0.0, 1.0],
@@ -193,7 +193,7 @@ def climbable_step(
         _, rear, thrust = np.linalg.solve(balance, [0.0, 1.0, 0.0])
         return float(friction * rear - thrust)
 
-    # The first angle at which the margin is used up, from a flat step upwards.
+    # The first angle at which no margin is left, from a flat step upwards.
     steepest = 0.5 * math.pi
     angles = np.linspace(1e-6, steepest, 400)
     margins = [margin(angle) for angle in angles]
@@ -208,7 +208,7 @@ def climbable_step(
 
 
 def slipping_torque(friction: float, load_n: float, radius_m: float) -> float:
-    """Torque at a sprocket whose track slips under a vehicle that stands: mu N r. Form 7.
+    """Compute the torque at a sprocket whose track slips under a vehicle at rest: mu N r. Form 7.
 
     Args:
         friction: mu.
@@ -229,14 +229,14 @@ def stall_force(
     friction_nm: float,
     radius_m: float,
 ) -> float:
-    """Force at the rim of a stalled motor's sprocket: (k min(V/R, I_max) - friction) / r. Form 7.
+    """Compute the rim force of a stalled motor: (k min(V/R, I_max) - friction) / r. Form 7.
 
     Args:
         voltage_v: V, of either sign, V.
         resistance_ohm: R, ohm.
         torque_per_a: k at the sprocket, N m/A.
         current_limit_a: I_max of the driver, A.
-        friction_nm: of gear and track, N m.
+        friction_nm: friction of gear and track, N m.
         radius_m: r of the sprocket, m.
 
     Returns:
@@ -253,7 +253,7 @@ def motor_speed(
     torque_per_a: float,
     back_emf: float,
 ) -> float:
-    """Steady speed of a motor under a load that is below the driver's limit: (V - R T/k) / k_e.
+    """Compute the steady speed of a motor below the driver's current limit: (V - R T/k) / k_e.
 
     Args:
         voltage_v: V, V.

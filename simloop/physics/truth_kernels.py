@@ -1,4 +1,4 @@
-"""The compiled kernel that fills a `Truth`: pose, velocity, and what the IMU feels."""
+"""The compiled kernel that fills a `Truth`: pose, velocity and acceleration at the IMU."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from simloop.messages import FloatArray
 
 @njit(cache=True)
 def rotation_of(qpos: FloatArray) -> FloatArray:
-    """Rotation matrix of the vehicle's attitude.
+    """Compute the rotation matrix of the vehicle's attitude.
 
-    MuJoCo's own ``xmat`` is not used: after a step it is still that of the step's beginning.
+    MuJoCo's own ``xmat`` is not used: after a step it is still that of the start of the step.
 
     Args:
         qpos: (7 or more,) MuJoCo's positions, the vehicle's free joint first; w, x, y, z at 3 to 6.
@@ -46,7 +46,7 @@ def rotation_of(qpos: FloatArray) -> FloatArray:
 
 @njit(cache=True)
 def point_velocity(qpos: FloatArray, qvel: FloatArray, point: FloatArray) -> FloatArray:
-    """Velocity of a point that is fixed to the vehicle: v + R (omega x r).
+    """Compute the velocity of a point that is fixed to the vehicle: v + R (omega x r).
 
     Args:
         qpos: as in `rotation_of`.
@@ -66,7 +66,7 @@ def point_velocity(qpos: FloatArray, qvel: FloatArray, point: FloatArray) -> Flo
     return velocity
 
 
-# Where each array of a Truth stands in the one block that the kernel fills.
+# Where each array of a Truth is in the block that the kernel fills.
 POSE, VELOCITY, ACCELERATION = slice(0, 3), slice(3, 9), slice(9, 12)
 POSITION, QUATERNION = slice(12, 15), slice(15, 19)
 ANGLE, TURNING = slice(19, 21), slice(21, 23)
@@ -86,19 +86,19 @@ def motion_now(
     gravity: FloatArray,
     period_s: float,
 ) -> FloatArray:
-    """All arrays of a Truth in one block, see the slices above.
+    """Compute all arrays of a Truth in one block, see the slices above.
 
-    The proper acceleration at the IMU is R^T (dv / T - g): v is the velocity of the IMU's own
-    point, so that the lever arm's terms alpha x r and omega x (omega x r) are in its difference.
+    The proper acceleration at the IMU is R^T (dv / T - g). Here v is the velocity of the IMU's own
+    point, so its difference includes the lever arm's terms alpha x r and omega x (omega x r).
 
     Args:
         qpos: MuJoCo's positions, the vehicle's free joint first.
         qvel: MuJoCo's velocities, the same joint first; angular velocity in base_link.
-        sprocket_qpos: (2,) where the sprockets' angles are in ``qpos``.
-        sprocket_dof: (2,) where the sprockets' rates are in ``qvel``.
-        current: (2,) of the motors, A.
-        voltage: (2,) of the motors, V.
-        imu: (3,) place of the IMU in base_link, m.
+        sprocket_qpos: (2,) indices of the sprockets' angles in ``qpos``.
+        sprocket_dof: (2,) indices of the sprockets' rates in ``qvel``.
+        current: (2,) motor currents, A.
+        voltage: (2,) motor voltages, V.
+        imu: (3,) position of the IMU in base_link, m.
         imu_before: (3,) its velocity in the world one period ago, m/s.
         gravity: (3,) in the world, m/s^2.
         period_s: control period T, s.
@@ -111,8 +111,8 @@ def motion_now(
     w, x, y, z = qpos[3], qpos[4], qpos[5], qpos[6]
     block[0], block[1] = qpos[0], qpos[1]
     block[2] = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    # Velocity and specific force, turned from the world into base_link. The angular velocity of a
-    # free joint is in base_link already.
+    # Velocity and specific force, rotated from the world into base_link. The angular velocity of a
+    # free joint is already in base_link.
     turn, imu_now = rotation_of(qpos), point_velocity(qpos, qvel, imu)
     for i in range(3):
         block[3 + i], block[9 + i] = 0.0, 0.0
@@ -120,7 +120,7 @@ def motion_now(
         for k in range(3):
             block[3 + i] += turn[k, i] * qvel[k]
             block[9 + i] += turn[k, i] * ((imu_now[k] - imu_before[k]) / period_s - gravity[k])
-    # The state as it is.
+    # The rest of the state is copied.
     block[12:19] = qpos[:7]
     for side in range(2):
         block[19 + side] = qpos[sprocket_qpos[side]]

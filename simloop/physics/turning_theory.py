@@ -1,7 +1,7 @@
 """Closed forms of a tracked vehicle that turns on firm ground, and the loads of its wheels.
 
-The simulated tracks are tested against these forms. They use nothing of the simulator. The forms'
-numbers are those of the table in docs/tracks.md.
+The simulated tracks are tested against these forms. They use no code of the simulator. The forms
+have the numbers of the table in docs/tracks.md.
 
 Symbols: L contact length, B gauge, W weight on the ground, mu isotropic Coulomb friction, K shear
 modulus, p load per length of belt. SI units; x forward, y left.
@@ -28,7 +28,7 @@ _GRAVITY_MPS2 = 9.81
 
 
 def sideways_moment(friction: float, weight_n: float, length_m: float) -> float:
-    """Moment that turns evenly loaded belts which slip sideways only: mu W L/4. Form 4.
+    """Compute the moment that turns evenly loaded belts with sideways slip only: mu W L/4. Form 4.
 
     Args:
         friction: mu.
@@ -42,7 +42,7 @@ def sideways_moment(friction: float, weight_n: float, length_m: float) -> float:
 
 
 def spin_thrust_and_moment(a_m: float, length_m: float) -> tuple[float, float]:
-    """Thrust and resisting moment of one track that turns on the spot, each over mu p. Form 2.
+    """Compute a track's thrust and resisting moment on the spot, each over mu p. Form 2.
 
     F = 2 a asinh(L/2a); m = (L/2) sqrt(a^2 + L^2/4) - a^2 asinh(L/2a).
 
@@ -59,7 +59,7 @@ def spin_thrust_and_moment(a_m: float, length_m: float) -> tuple[float, float]:
 
 
 def spin_ratio(length_m: float, gauge_m: float) -> float:
-    """Yaw rate on the spot over that of belts without slip: chi = B/(B + 2a), B F = 2 m. Form 2.
+    """Compute the yaw rate on the spot over that without slip: chi = B/(B + 2a), B F = 2 m. Form 2.
 
     Args:
         length_m: L, m.
@@ -85,7 +85,7 @@ class Icr(NamedTuple):
 
     Attributes:
         y_left_m: y at which the left belt has no slip along the vehicle.
-        y_right_m: y at which the right belt has none.
+        y_right_m: y at which the right belt has no slip along the vehicle.
         x_m: x at which the vehicle has no slip across.
     """
 
@@ -97,7 +97,7 @@ class Icr(NamedTuple):
 def icr_positions(
     velocity_xy: tuple[float, float], yaw_rate: float, belt_mps: tuple[float, float]
 ) -> Icr:
-    """Centres of rotation of a motion, from v_x - omega y = V and v_y + omega x = 0. Form 3.
+    """Compute the centres of rotation from v_x - omega y = V and v_y + omega x = 0. Form 3.
 
     Args:
         velocity_xy: v_x, v_y of base_link's origin, m/s.
@@ -115,7 +115,7 @@ def icr_positions(
 
 
 class Cells(NamedTuple):
-    """Two belts, cut into n equal cells each, front to rear.
+    """Two belts, each cut into n equal cells, front to rear.
 
     Attributes:
         x_m: (n,) centres of the cells in base_link.
@@ -133,7 +133,7 @@ class Cells(NamedTuple):
 def brush_shear(
     slip_mps: FloatArray, belt_mps: float, cell_m: float, shear_modulus_m: float
 ) -> FloatArray:
-    """Mean shear in the cells of one belt that moves steadily.
+    """Compute the mean shear in the cells of one belt in steady motion.
 
     Along the belt, V dz/ds = v - |v| z / K from z = 0 where it meets the ground. For constant v
     this is the Janosi-Hanamoto curve. Each cell is solved exactly for its own v.
@@ -170,11 +170,11 @@ def track_forces(
     friction: float,
     shear_modulus_m: float,
 ) -> FloatArray:
-    """Force and moment of both tracks on a vehicle in steady motion.
+    """Compute the force and moment of both tracks on a vehicle in steady motion.
 
     Args:
         motion: (3,) v_x, v_y of base_link's origin, m/s, and yaw rate, rad/s.
-        belt_mps: left and right, m/s.
+        belt_mps: belt speeds, left and right, m/s.
         cells: the belts with their loads.
         friction: mu.
         shear_modulus_m: K, m.
@@ -202,18 +202,18 @@ def steady_turn(
     centre_x_m: float = 0.0,
     inertial: bool = True,
 ) -> tuple[float, float, float]:
-    """Motion of a vehicle under two constant belt speeds (Steeds 1950). Form 3.
+    """Compute the motion of a vehicle under two constant belt speeds (Steeds 1950). Form 3.
 
     The slips of both tracks are unknown. They follow from two balances of forces and one of
     moments.
 
     Args:
-        belt_mps: left and right, m/s.
+        belt_mps: belt speeds, left and right, m/s.
         cells: the belts with their loads.
         friction: mu.
         shear_modulus_m: K, m; 0: Coulomb's law.
         centre_x_m: x of the centre of gravity in base_link, m; its y is 0.
-        inertial: whether the turn's centripetal force counts.
+        inertial: whether to include the turn's centripetal force.
 
     Returns:
         v_x, v_y of base_link's origin, m/s, and yaw rate, rad/s.
@@ -256,21 +256,22 @@ def steady_turn(
 def support_loads(
     positions_m: FloatArray, weight_n: float, centre_xy_m: tuple[float, float]
 ) -> FloatArray:
-    """Loads of equal elastic supports under a rigid chassis; they push and never pull.
+    """Compute the loads of equal elastic supports under a rigid chassis. Supports never pull.
 
-    Of all loads that balance the weight and its two moments, equal linear springs choose those of
-    least norm, N = c0 + c1 x + c2 y. Supports that would have to pull let go, and the rest share.
+    Of all loads that balance the weight and its two moments, equal linear springs have those of
+    least norm, N = c0 + c1 x + c2 y. Supports that would have to pull are removed, and the others
+    share the weight.
 
     Args:
-        positions_m: (n, 2) of the supports, m.
-        weight_n: N.
-        centre_xy_m: the centre of gravity's place above the supports, m.
+        positions_m: (n, 2) positions of the supports, m.
+        weight_n: weight, N.
+        centre_xy_m: position of the centre of gravity above the supports, m.
 
     Returns:
         (n,) loads, N.
 
     Raises:
-        ValueError: the centre lies outside the supports, so that the chassis tips.
+        ValueError: the centre is outside the supports, so the chassis tips.
     """
     active = np.ones(len(positions_m), bool)
     wanted = weight_n * np.array([1.0, *centre_xy_m])

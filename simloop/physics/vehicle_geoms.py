@@ -1,4 +1,4 @@
-"""What the model's geoms and sites are to the plant: ground, obstacle, hull, road wheel, sensor."""
+"""Find and classify the model's geoms and sites: ground, obstacle, hull, road wheel, sensor."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ import numpy as np
 from simloop.messages import FloatArray
 from simloop.physics.track_model import GROUND, HULL, OBSTACLE, WHEEL
 
-_ABOVE_M = 10.0  # from where rays are cast down on the terrain
+_ABOVE_M = 10.0  # height from which rays are cast down on the terrain
 
 
 SEEN_GROUPS = (0, 1)
-"""The geom groups that rays meet: the arena's, not the vehicle's visual (2) and collision (3)."""
+"""Geom groups that rays hit: the arena's, not the vehicle's visual (2) and collision (3) groups."""
 
 
 def geom_kinds(model: mujoco.MjModel) -> np.ndarray:
     """Classify the geoms for the track kernels.
 
-    Ground is ``floor`` and all geoms named ``ground_*`` or ``loose_*`` (things that may be pushed
-    about). The vehicle is the tree under base_link. Everything else is an obstacle.
+    Ground is ``floor`` and all geoms named ``ground_*`` or ``loose_*`` (movable bodies). The
+    vehicle is the tree under base_link. Everything else is an obstacle.
 
     Args:
         model: an arena with the vehicle.
@@ -52,7 +52,7 @@ def road_wheels(model: mujoco.MjModel) -> list[int]:
         Geom numbers: ``road_left_0`` (the foremost), ``road_left_1``, ..., then the right side.
 
     Raises:
-        ValueError: the sides differ in number, or have fewer than two.
+        ValueError: the sides have different numbers of road wheels, or fewer than two.
     """
     sides = []
     for label in ("left", "right"):
@@ -63,20 +63,20 @@ def road_wheels(model: mujoco.MjModel) -> list[int]:
     if len(sides[0]) != len(sides[1]) or len(sides[0]) < 2:
         raise ValueError(
             f"the vehicle has {len(sides[0])} geoms road_left_* and {len(sides[1])} road_right_*; "
-            "each side needs as many road wheels as the other, two or more"
+            "both sides need the same number of road wheels, at least two"
         )
     return sides[0] + sides[1]
 
 
 def site_in_base(model: mujoco.MjModel, name: str) -> FloatArray:
-    """Where a site of the vehicle's chassis is.
+    """Find the position of a site of the vehicle's chassis.
 
     Args:
         model: an arena with the vehicle.
         name: the site's name.
 
     Returns:
-        (3,) in base_link, m; zeros where the vehicle has no such site.
+        (3,) in base_link, m; zeros if the vehicle has no such site.
 
     Raises:
         ValueError: the site is not fixed to base_link itself.
@@ -90,7 +90,7 @@ def site_in_base(model: mujoco.MjModel, name: str) -> FloatArray:
 
 
 def sprocket_radius(model: mujoco.MjModel) -> float:
-    """The radius at which the belts run round the sprockets.
+    """Find the radius at which the belts run round the sprockets.
 
     Args:
         model: an arena with the vehicle, whose sites ``sprocket_left_rim`` and
@@ -117,7 +117,7 @@ def sprocket_radius(model: mujoco.MjModel) -> float:
 
 
 def is_free(model: mujoco.MjModel, body: int) -> bool:
-    """Whether a body hangs on a free joint, so that its pose is the joint's own.
+    """Tell whether a body has a free joint, so that its pose is the joint's own.
 
     Args:
         model: any model.
@@ -133,13 +133,13 @@ def is_free(model: mujoco.MjModel, body: int) -> bool:
 def ground_height(
     model: mujoco.MjModel, data: mujoco.MjData, geoms: Sequence[int], places: FloatArray
 ) -> float:
-    """How high some geoms reach at some places.
+    """Compute the height of the ground at some places.
 
     Args:
         model: an arena.
         data: its state, reset; the kinematics are computed here.
-        geoms: numbers of the geoms.
-        places: (n, 2) in the world, m.
+        geoms: numbers of the ground's geoms.
+        places: (n, 2) positions in the world, m.
 
     Returns:
         The highest point of any of the geoms at any of the places, m; at least 0, the floor.
@@ -162,7 +162,7 @@ def _ray(
     direction: FloatArray,
     normal: FloatArray,
 ) -> float:
-    """How far a ray goes to one geom of any kind, m; -1 where it misses it."""
+    """Measure the distance, m, along a ray to one geom of any kind; -1 if the ray misses it."""
     kind = int(model.geom_type[geom])
     if kind == mujoco.mjtGeom.mjGEOM_HFIELD:
         return float(mujoco.mj_rayHfield(model, data, geom, origin, direction, normal))

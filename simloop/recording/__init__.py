@@ -1,1 +1,1 @@
-"""Recordings for the rerun viewer and pictures of a run; nothing here can change a run."""
+"""Recordings for the rerun viewer, and pictures of a run. Nothing here can change a run."""

@@ -1,6 +1,6 @@
-"""Draws what the robot believes as a flat picture: map, scan, discs, paths and footprint.
+"""Draw what the robot believes as a flat picture: map, scan, discs, paths and footprint.
 
-Images are (height, width, 3) uint8 in OpenCV's order of colours, blue first.
+Images are (height, width, 3) uint8 in OpenCV's colour order, blue first.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ TRAIL: Colour = (110, 150, 60)
 GOAL: Colour = (70, 160, 40)
 
 _SHIFT = 4
-"""OpenCV draws at sixteenths of a pixel."""
+"""OpenCV draws at 1/16 of a pixel."""
 _SURE_LOG_ODDS = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Belief:
-    """What the robot believes at one instant; None for what it does not have yet.
+    """What the robot believes at one instant. A part that it does not have yet is None.
 
     Attributes:
         pose: (3,) x, y, yaw of base_link in map.
@@ -46,7 +46,7 @@ class Belief:
         grid: The robot's map.
         world: The planner's world.
         plan: The last plan.
-        path: The path that is followed.
+        path: The path that the robot follows.
         scan: The last scan.
         scan_pose: (3,) x, y, yaw of base_link in map when ``scan`` was taken.
     """
@@ -78,7 +78,7 @@ class PlannerView:
             bounds_m: (4,) x_min, y_min, x_max, y_max in map that the image must show, m.
             size_px: Width and height of the image, px.
             vehicle: Size of the vehicle.
-            laser_m: (2,) the LiDAR in base_link, m.
+            laser_m: (2,) position of the LiDAR in base_link, m.
         """
         low, high = np.array(bounds_m[:2], float), np.array(bounds_m[2:], float)
         self._size_px = size_px
@@ -133,13 +133,13 @@ class PlannerView:
         inside = ((y >= 0) & (y < rows))[:, None] & ((x >= 0) & (x < columns))[None, :]
         cells = grid.log_odds[np.ix_(y.clip(0, rows - 1), x.clip(0, columns - 1))]
         odds = np.where(inside, cells, 0.0)[::-1]
-        # The surer a cell, the nearer its colour is to white (free) or to black (occupied).
+        # The more certain a cell, the nearer its colour is to white (free) or black (occupied).
         sure = np.clip(np.abs(odds) / _SURE_LOG_ODDS, 0.0, 1.0)[..., None]
         ends = np.where(odds[..., None] > 0.0, np.array(INK, float), np.array(PAPER, float))
         return np.ascontiguousarray((image * (1.0 - sure) + ends * sure).astype(np.uint8))
 
     def _movers(self, image: Image, world: WorldView) -> None:
-        """Draw each as a disc with a line to its predicted place in one second."""
+        """Draw each moving obstacle as a disc with a line to its predicted place in 1 s."""
         if world.movers is None:
             return
         tracks = world.movers
@@ -225,7 +225,7 @@ def write_text(
     Args:
         image: Changed in place.
         text: The text, ASCII.
-        corner: x and y of its lower left corner, px.
+        corner: x and y of the text's lower left corner, px.
         scale: Size of the letters; 1 is about 20 px.
         colour: Blue, green, red, 0 to 255.
     """

@@ -1,4 +1,4 @@
-"""Arranges a recording in the viewer: the scene large, figures beside it, events below."""
+"""Arrange a recording in the viewer: a large scene, plots beside it, events below."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ def make_blueprint(bounds_m: FloatArray, timeline: str, camera: str | None = Non
 
     Args:
         bounds_m: (4,) x_min, y_min, x_max, y_max of the arena in map, m.
-        timeline: The name of the timeline.
-        camera: The entity of the depth camera, if there is one.
+        timeline: Name of the timeline.
+        camera: Entity of the depth camera; None if there is none.
 
     Returns:
         The blueprint.
@@ -31,7 +31,7 @@ def make_blueprint(bounds_m: FloatArray, timeline: str, camera: str | None = Non
         background=[250, 250, 250],
         line_grid=rrb.LineGrid3D(visible=False),
         eye_controls=rrb.EyeControls3D(
-            # From the south and above, so that the whole arena is in view and y points up.
+            # From the south and above: the whole arena is in view and y points up.
             position=[centre[0], centre[1] - 1.05 * span, 1.15 * span],
             look_target=[centre[0], centre[1] - 0.05 * span, 0.0],
             eye_up=[0.0, 0.0, 1.0],
@@ -53,7 +53,7 @@ def make_blueprint(bounds_m: FloatArray, timeline: str, camera: str | None = Non
 
 
 def _figures() -> rrb.Vertical:
-    """The plots, in tabs of things that are read together."""
+    """Arrange the plots, in tabs of related plots."""
     import rerun.blueprint as rrb
 
     def plot(name: str, *origins: str) -> Any:

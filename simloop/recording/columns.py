@@ -1,4 +1,4 @@
-"""Turns messages into what a recording plots: columns of figures, outlines and grey maps."""
+"""Turn messages into what a recording plots: columns of values, outlines and grey maps."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _ROUND = np.stack([f(np.linspace(0.0, 2.0 * np.pi, 33)) for f in (np.cos, np.sin
 
 Column = Callable[[list[Any]], FloatArray]
 Series = tuple[type, tuple[str, ...], Column]
-"""A kind of message, the names of a plot's lines, and how messages give their values."""
+"""A kind of message, the names of a plot's lines, and the function that reads their values."""
 
 
 def _column(read: Callable[[Any], Any]) -> Column:
@@ -67,17 +67,17 @@ DERIVED = {
     "plan_cost_exact": ("exact, among discs",),
     "plan_gap_percent": ("gap",),
 }
-"""Figures computed from several messages: entity to the names of its lines."""
+"""Values computed from several messages: entity -> names of its lines."""
 
 
 def plotted_series(road_wheels: int) -> dict[str, Series]:
-    """List the figures that are plotted from one message each.
+    """List the plots whose values come from one message each.
 
     Args:
-        road_wheels: Road wheels of each track.
+        road_wheels: Number of road wheels of each track.
 
     Returns:
-        Entity below ``plots/`` to its series.
+        Entity below ``plots/`` -> its series.
     """
     names = tuple(f"{side} {i}" for side in ("left", "right") for i in range(road_wheels))
     load = (TrackTruth, names, _column(lambda m: m.wheel_load_n))
@@ -85,7 +85,7 @@ def plotted_series(road_wheels: int) -> dict[str, Series]:
 
 
 def lifted(points: FloatArray, height: float) -> FloatArray:
-    """Lay points at a height.
+    """Place points at a height.
 
     Args:
         points: (N, 2) points, m.
@@ -112,7 +112,7 @@ def nees(error: FloatArray, covariance: FloatArray) -> FloatArray:
 
 
 def circles(discs_xyr_m: FloatArray) -> list[FloatArray]:
-    """Draw the outlines of discs.
+    """Compute the outlines of discs.
 
     Args:
         discs_xyr_m: (K, 3) centres and radii, m.
@@ -126,7 +126,7 @@ def circles(discs_xyr_m: FloatArray) -> list[FloatArray]:
 def mover_strips(
     position_m: FloatArray, velocity_mps: FloatArray, radius_m: FloatArray
 ) -> list[FloatArray]:
-    """Draw moving obstacles as discs, each with a line to its predicted place in one second.
+    """Compute strips for moving obstacles: discs, and lines to their predicted places in 1 s.
 
     Args:
         position_m: (K, 2) centres, m.
@@ -141,12 +141,12 @@ def mover_strips(
 
 
 def ellipses(centres: FloatArray, covariance: FloatArray, scale: float) -> FloatArray:
-    """Draw the 95 % ellipses of two-dimensional normal distributions.
+    """Compute the 95 % ellipses of two-dimensional normal distributions.
 
     Args:
         centres: (N, 2) means, m.
         covariance: (N, 2, 2) covariances, m^2.
-        scale: How many times larger than true size the ellipses are drawn.
+        scale: Factor by which the ellipses are enlarged.
 
     Returns:
         (N, 33, 2) closed outlines, m.

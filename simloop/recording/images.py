@@ -1,4 +1,4 @@
-"""Converts the robot's map and its depth images to images of the recording library."""
+"""Convert the robot's map and its depth images to images of the recording library."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _FARTHEST_M = 3.0
 
 
 def occupancy(grid: MapUpdate | GridMap, height_m: float) -> rr.GridMap:
-    """Convert a map to an image in grey values as in ROS.
+    """Convert a map to an image with the grey values of ROS.
 
     Args:
         grid: The map.
-        height_m: The height at which the image lies in the 3D view.
+        height_m: Height of the image in the 3D view.
 
     Returns:
         The library's map.
@@ -66,10 +66,10 @@ def pinhole(image: DepthImage) -> rr.Pinhole:
 
 
 def depth_columns(images: Sequence[DepthImage]) -> Any:
-    """Convert depth images to columns. A pixel without an echo is 0, as ROS has it.
+    """Convert depth images to columns. A pixel without an echo is 0, as in ROS.
 
     Args:
-        images: Images of one size.
+        images: Images of the same size.
 
     Returns:
         The library's columns, one row for each image.

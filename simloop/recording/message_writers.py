@@ -1,6 +1,6 @@
-"""Writes what the robot senses, knows and plans, one function for each kind of message.
+"""Write what the robot senses, knows and plans, with one function for each kind of message.
 
-The heights keep what lies in one plane apart in the 3D view.
+Different heights separate things that are in the same plane in the 3D view.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _LEVELS = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
 
 
 class EventWriter:
-    """Writes the event log, in which a change of the driving mode is an event too."""
+    """Writes the event log. A change of the driving mode is also an event."""
 
     def __init__(self, file: RecordingFile) -> None:
         self._file, self._mode = file, ""
@@ -93,7 +93,7 @@ def write_images(file: RecordingFile, images: Sequence[DepthImage]) -> None:
 
     Args:
         file: The recording.
-        images: The depth camera's images, all of one size.
+        images: The depth camera's images, all of the same size.
     """
     if images:
         file.log_static(CAMERA, pinhole(images[0]))
@@ -101,7 +101,7 @@ def write_images(file: RecordingFile, images: Sequence[DepthImage]) -> None:
 
 
 def write_low_obstacles(file: RecordingFile, seen: Sequence[LowObstacles]) -> None:
-    """Write what the robot remembers of low obstacles, as points.
+    """Write the low obstacles that the robot remembers, as points.
 
     Args:
         file: The recording.
@@ -125,7 +125,7 @@ def write_movers(file: RecordingFile, tracks: Sequence[MoverTracks]) -> None:
 
 
 def write_goals(file: RecordingFile, readings: Sequence[GoalReading]) -> None:
-    """Write where the robot is told that the goal is.
+    """Write the goal's place in the readings that the robot gets.
 
     Args:
         file: The recording.
@@ -137,7 +137,7 @@ def write_goals(file: RecordingFile, readings: Sequence[GoalReading]) -> None:
 
 
 def write_plan(file: RecordingFile, plan: Plan) -> None:
-    """Write a plan: some candidates, the chosen line and its waypoints.
+    """Write a plan: some candidates, the selected path and its waypoints.
 
     Args:
         file: The recording.

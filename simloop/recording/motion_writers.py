@@ -1,4 +1,4 @@
-"""Writes how the robot moves: true and believed poses, trails, track speeds and errors."""
+"""Write the robot's motion: true and believed poses, trails, track speeds and errors."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from simloop.recording.scene_log import BASE, MAP, ODOM
 from simloop.recording.stream import RecordingFile
 from simloop.truth import LooseTruth, Truth
 
-_POSE_PERIODS = 4  # one pose for so many control periods: 25 Hz of 100 Hz
-_TRAIL_POSES = 2  # one point of a trail for so many poses
+_POSE_PERIODS = 4  # control periods per written pose: 25 Hz of 100 Hz
+_TRAIL_POSES = 2  # written poses per point of a trail
 _ELLIPSE_SCALE = 10.0
 _ELLIPSE_HEIGHT_M, _TRAIL_HEIGHT_M = 0.26, 0.012
 
 
 class PoseWriter:
-    """Writes poses at 25 Hz and the trails, which grow from flush to flush."""
+    """Writes poses at 25 Hz, and the trails, which grow with each write."""
 
     def __init__(self, file: RecordingFile, start: FloatArray) -> None:
-        """Begin all trails.
+        """Start all trails.
 
         Args:
             file: The recording.
-            start: (3,) x, y, yaw of base_link in map where odometry begins.
+            start: (3,) x, y, yaw of base_link in map where odometry starts.
         """
         self._file, self._start = file, start
         self._trails: dict[str, list[FloatArray]] = defaultdict(list)
 
     def write_truths(self, truths: Sequence[Truth]) -> None:
-        """Write the true pose, the true trail and how far the sprockets have turned.
+        """Write the true pose, the true trail and the angles of the sprockets.
 
         Args:
             truths: One ground truth for each control period.
@@ -59,7 +59,7 @@ class PoseWriter:
         """Write the frames of REP-105 and the trails of dead reckoning.
 
         Args:
-            frames: One for each control period.
+            frames: One message for each control period.
         """
         few = frames[::_POSE_PERIODS]
         if not few:
@@ -73,10 +73,10 @@ class PoseWriter:
             self._write_trail(name, compose_all(self._start, poses), times[-1])
 
     def write_estimates(self, estimates: Sequence[Estimate]) -> None:
-        """Write the believed trail and the 95 % ellipse of the position, ten times its size.
+        """Write the believed trail and the 95 % ellipse of the position, enlarged ten times.
 
         Args:
-            estimates: One for each control period.
+            estimates: One message for each control period.
         """
         few = estimates[::_POSE_PERIODS]
         if not few:
@@ -90,13 +90,13 @@ class PoseWriter:
         self._file.send_strips(f"{MAP}/ellipse_95_x10", times, rows, _ELLIPSE_HEIGHT_M)
 
     def _write_poses(self, entity: str, t_ns: Sequence[int], poses: FloatArray) -> None:
-        """Write planar poses (N, 3) in the parent's frame."""
+        """Write planar poses (N, 3), given in the parent's frame."""
         half, zero = 0.5 * poses[:, 2], np.zeros(len(poses))
         wxyz = np.stack([np.cos(half), zero, zero, np.sin(half)], axis=1)
         self._file.send_transforms(entity, t_ns, lifted(poses[:, :2], 0.0), wxyz)
 
     def _write_trail(self, name: str, poses: FloatArray, t_ns: int) -> None:
-        """Write the whole trail so far, with poses (N, 3) added, as it is from ``t_ns`` on."""
+        """Add poses (N, 3) to a trail, and write the whole trail for the time ``t_ns``."""
         self._trails[name].append(poses[::_TRAIL_POSES, :2])
         strip = np.concatenate(self._trails[name])
         self._file.send_strips(f"{MAP}/trails/{name}", [t_ns], [[strip]], _TRAIL_HEIGHT_M)

@@ -1,4 +1,4 @@
-"""Renders MuJoCo scenes without a display."""
+"""Render MuJoCo scenes without a display."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ _GOAL_RGBA = (0.16, 0.63, 0.27, 1.0)
 
 
 class NoOpenGLError(RuntimeError):
-    """Nothing can be drawn off screen; the text says what to install."""
+    """No back end can render off screen. The text names the packages to install."""
 
 
 class OffscreenScene:
-    """Renders an arena with its vehicle off screen; a context manager that holds OpenGL."""
+    """Renders an arena with its vehicle off screen. A context manager that holds OpenGL."""
 
     def __init__(self, model: mujoco.MjModel, size_px: tuple[int, int]) -> None:
-        """Prepare; OpenGL is opened by the ``with`` statement, which may raise NoOpenGLError.
+        """Store the settings. The ``with`` statement opens OpenGL and may raise NoOpenGLError.
 
         Args:
             model: The compiled model.
@@ -74,13 +74,13 @@ class OffscreenScene:
 
         Args:
             truth: Ground truth of the vehicle.
-            path: The path that the robot follows, if there is one.
+            path: The path that the robot follows; None if there is none.
             trail_m: (N, 2) or (N, 3) true positions so far in map, m.
             goal: (2,) goal in map, m.
-            loose: Ground truth of the bodies that can move, if there are any.
+            loose: Ground truth of the bodies that can move; None if there are none.
 
         Returns:
-            (height, width, 3) uint8 image in OpenCV's order of colours, blue first.
+            (height, width, 3) uint8 image in OpenCV's colour order, blue first.
         """
         data, model, (width, height) = self._data, self._model, self._size_px
         self._place("base_link", truth.position_m, truth.quaternion_wxyz)
@@ -91,12 +91,12 @@ class OffscreenScene:
                 self._place(name, at, turn)
         for name, angle in zip(("left", "right"), truth.sprocket_rad, strict=True):
             data.qpos[model.joint(f"sprocket_{name}_joint").qposadr[0]] = angle
-        # Positions alone are set, so this computes where everything is, without a step of time.
+        # Only positions are set, so this computes the poses of all geoms without a time step.
         mujoco.mj_forward(model, data)
         option, perturb = mujoco.MjvOption(), mujoco.MjvPerturb()
         category = mujoco.mjtCatBit.mjCAT_ALL.value
         mujoco.mjv_updateScene(model, data, option, perturb, self._camera(), category, self._scene)
-        # Decorations for this image only; they are no part of the model.
+        # Decorations for this image only. They are not part of the model.
         self._disc(goal, 0.20, 0.002, (1.0, 1.0, 1.0, 1.0))
         self._disc(goal, 0.17, 0.003, _GOAL_RGBA)
         self._ribbon(trail_m[:, :2], 0.006, _TRAIL_RGBA)
@@ -106,11 +106,11 @@ class OffscreenScene:
         mujoco.mjr_render(viewport, self._scene, self._context)
         image = np.empty((height, width, 3), np.uint8)
         mujoco.mjr_readPixels(image, None, viewport, self._context)
-        # OpenGL counts rows from below and puts red first.
+        # OpenGL counts rows from the bottom and has red first.
         return np.ascontiguousarray(image[::-1, :, ::-1])
 
     def _place(self, body: str, position_m: FloatArray, quaternion_wxyz: FloatArray) -> None:
-        """Set the pose of a free body, or of one that is moved from outside (mocap)."""
+        """Set the pose of a free body, or of a mocap body."""
         mocap = self._model.body(body).mocapid[0]
         if mocap >= 0:
             self._data.mocap_pos[mocap] = position_m
@@ -122,7 +122,7 @@ class OffscreenScene:
         self._data.qpos[at + 3 : at + 7] = quaternion_wxyz
 
     def _camera(self) -> mujoco.MjvCamera:
-        """The arena's own overview camera, or a view from the south that shows the whole arena."""
+        """Make the arena's own overview camera, or a view of the whole arena from the south."""
         camera = mujoco.MjvCamera()
         overview = mujoco.mj_name2id(self._model, mujoco.mjtObj.mjOBJ_CAMERA, "overview")
         if overview >= 0:
@@ -135,7 +135,7 @@ class OffscreenScene:
         return camera
 
     def _geom(self) -> mujoco.MjvGeom | None:
-        """The next free decoration of the scene, or None if there is none left."""
+        """Take the next free decoration of the scene; None if there is none left."""
         if self._scene.ngeom >= self._scene.maxgeom:
             return None
         self._scene.ngeom += 1
@@ -187,7 +187,7 @@ def open_gl_context(width: int, height: int) -> Any:
             context = import_module(f"mujoco.{name}").GLContext(width, height)
             context.make_current()
             return context
-        except Exception as error:  # each back end raises errors of its own, while loading too
+        except Exception as error:  # each back end has its own errors, also while it loads
             failures.append(f"{name}: {' '.join(str(error).split()) or type(error).__name__}")
             if platform is None:
                 os.environ.pop("PYOPENGL_PLATFORM", None)

@@ -1,4 +1,4 @@
-"""Where the results of a run go."""
+"""The output files of a run."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from simloop.scenario.scenario import Scenario
 
 @dataclass(frozen=True, slots=True)
 class Outputs:
-    """The output files of a run; None for what nobody asked for.
+    """The output files of a run. A file that is not requested is None.
 
     Attributes:
-        recording: A recording for the rerun viewer.
-        snapshots: A folder for pictures.
-        result: The figures as JSON.
-        config: The effective scenario, beside the result.
+        recording: Recording for the rerun viewer.
+        snapshots: Folder for pictures.
+        result: Metrics as JSON.
+        config: Effective scenario, beside the result.
     """
 
     recording: Path | None = None
@@ -31,7 +31,7 @@ class Outputs:
     config: Path | None = None
 
     def check(self, source: Path | None = None) -> None:
-        """Make sure that everything can be written; this leaves no trace.
+        """Check that everything can be written. Nothing is left on the disk.
 
         Args:
             source: The file that describes the run. No output may replace it.
@@ -45,7 +45,7 @@ class Outputs:
             if file is not None and not (file.exists() and not file.is_file()):
                 if file.resolve() in taken:
                     raise InputError(f"{flag} {file}: would overwrite {taken[file.resolve()]}")
-                taken[file.resolve()] = f"what {flag} writes"
+                taken[file.resolve()] = f"the output of {flag}"
         for flag, file in (("--record", self.recording), ("--json", self.result)):
             if file is not None:
                 check_file(file, flag)
@@ -55,10 +55,10 @@ class Outputs:
             check_directory(self.snapshots, "--snapshots")
 
     def prepare(self) -> None:
-        """Make the folders that the files need.
+        """Create the folders of the files.
 
         Raises:
-            InputError: A folder cannot be made.
+            InputError: A folder cannot be created.
         """
         for file in (self.recording, self.result, self.config):
             if file is not None:
@@ -67,10 +67,10 @@ class Outputs:
             _make(self.snapshots)
 
     def write_result(self, metrics: Mapping[str, Any]) -> None:
-        """Write the figures as JSON.
+        """Write the metrics as JSON.
 
         Args:
-            metrics: The figures of the run.
+            metrics: The metrics of the run.
 
         Raises:
             InputError: The file cannot be written.
@@ -79,11 +79,11 @@ class Outputs:
             write_text(self.result, json.dumps(metrics, indent=2, allow_nan=False) + "\n")
 
     def write_config(self, scenario: Scenario, versions: Mapping[str, str]) -> None:
-        """Write the effective scenario, which ``simloop run`` takes again for the same run.
+        """Write the effective scenario. ``simloop run`` repeats the run from it.
 
         Args:
-            scenario: What is run.
-            versions: Versions of the packages, for a comment.
+            scenario: The scenario of the run.
+            versions: Versions of the packages.
 
         Raises:
             InputError: The file cannot be written.
@@ -96,4 +96,4 @@ def _make(directory: Path) -> None:
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{directory}: cannot be made: {error.strerror}") from None
+        raise InputError(f"{directory}: cannot be created: {error.strerror}") from None

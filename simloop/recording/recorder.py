@@ -1,7 +1,7 @@
-"""Records a run for the rerun viewer.
+"""Record a run for the rerun viewer.
 
-Messages are kept as they come and written about once a simulated second, in columns: a call of
-the recording library costs the same for one row as for a hundred.
+Messages are kept and written about once per simulated second, in columns, because a call of the
+recording library costs the same for one row as for a hundred rows.
 """
 
 from __future__ import annotations
@@ -58,17 +58,17 @@ _FLUSH_NS = 1_000_000_000
 
 
 class RerunRecorder:
-    """Writes a run into an ``.rrd`` file, readable up to its last second whatever happens.
+    """Writes a run into an ``.rrd`` file. In any failure it is readable up to its last second.
 
-    A failure to write is reported once, and the run goes on unrecorded.
+    A failure to write is reported once, and the run continues without recording.
     """
 
     def __init__(self, path: str | Path, scene: Scene) -> None:
-        """Open the file and write what does not change.
+        """Open the file and write the static parts.
 
         Args:
             path: The file.
-            scene: What is to be seen.
+            scene: The scene to show.
 
         Raises:
             OSError: The file cannot be opened.
@@ -87,20 +87,20 @@ class RerunRecorder:
             file.log_static(f"plots/{entity}", file.rr.SeriesLines(names=lines))
 
     def offer(self, message: Published) -> None:
-        """Take one message; about once a simulated second, write all that were taken.
+        """Take one message. About once per simulated second, write all kept messages.
 
         Args:
             message: Any message of the run.
         """
         if self._file.is_open:
-            # The truth opens a control period, so everything kept belongs to whole periods.
+            # The truth starts a control period, so all kept messages belong to whole periods.
             if type(message) is Truth and message.t_ns >= self._due_ns:
                 self._write()
                 self._due_ns = message.t_ns + _FLUSH_NS
             self._kept[type(message)].append(message)
 
     def add_plan_records(self, records: Sequence[PlanRecord]) -> None:
-        """Plot each plan's cost beside the exact optimum; call it once, after the run.
+        """Plot each plan's cost beside the exact optimum. Call it once, after the run.
 
         Args:
             records: One record for each plan.
@@ -113,13 +113,13 @@ class RerunRecorder:
             self._file.send_scalars("plan_gap_percent", times, gaps)
 
     def close(self) -> None:
-        """Write what is left and the file's footer. May be called twice."""
+        """Write the remaining messages and the file's footer. May be called twice."""
         if self._file.is_open:
             self._write()
             self._file.close()
 
     def _write(self) -> None:
-        """Write everything that was kept and flush the file."""
+        """Write all kept messages and flush the file."""
         file = self._file
         kept, self._kept = self._kept, defaultdict(list)
         truths, estimates, commands = kept[Truth], kept[Estimate], kept[TrackCommand]

@@ -1,4 +1,4 @@
-"""Writes what never changes in a recording: the arena, the vehicle, and how lines are drawn."""
+"""Write the static parts of a recording: the arena, the vehicle, and the styles of lines."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ BASE = "map/odom/base_link"
 CAMERA = f"{BASE}/camera"
 
 _TRUE_COLOUR, _GOAL_COLOUR = [60, 150, 80], [40, 160, 70]
-# Colour, 0 to 255, and radius, m, of everything that is drawn during the run.
+# Colour, 0 to 255, and radius, m, of all lines and points of the run.
 _LINES = {
     f"{MAP}/plan/candidates": ([170, 196, 222], 0.004),
     f"{MAP}/plan/chosen": ([160, 60, 168], 0.008),
@@ -40,18 +40,18 @@ _POINTS = {
 
 
 def log_scene(file: RecordingFile, scene: Scene) -> None:
-    """Write everything that never changes: frames, shapes, styles of lines, and the goal.
+    """Write the static parts: frames, shapes, styles of lines, and the goal.
 
     Args:
         file: The recording.
-        scene: What is to be seen.
+        scene: The scene to show.
     """
     rr = file.rr
     file.log_static(MAP, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
     for entity, place in ((f"{BASE}/laser", scene.laser_m), (CAMERA, scene.camera_m)):
         if place is not None:
             file.log_static(entity, rr.Transform3D(translation=place))
-    # A body is two entities: its place in the parent, and below it how its joint has moved.
+    # A body is two entities: its place in the parent, and below it the motion of its joint.
     entities = {"world": f"{MAP}/arena", "base_link": BASE}
     for body in scene.bodies:
         if body.name not in entities:
@@ -79,7 +79,7 @@ def log_scene(file: RecordingFile, scene: Scene) -> None:
 
 
 def _log_shapes(file: RecordingFile, shapes: Sequence[Shape], entities: dict[str, str]) -> None:
-    """Write shapes of one kind on one body into one entity, and each mesh into its own."""
+    """Write shapes of one kind on one body into one entity, and each mesh into its own entity."""
     groups: dict[tuple[str, str], list[Shape]] = defaultdict(list)
     for shape in shapes:
         name = shape.name if shape.kind == "mesh" else shape.kind
@@ -89,7 +89,7 @@ def _log_shapes(file: RecordingFile, shapes: Sequence[Shape], entities: dict[str
 
 
 def _archetypes(group: list[Shape]) -> list[Any]:
-    """The library's objects for shapes of one kind."""
+    """Make the library's objects for shapes of one kind."""
     import rerun as rr
 
     kind = group[0].kind
@@ -121,13 +121,13 @@ def _archetypes(group: list[Shape]) -> list[Any]:
         half = size if kind == "ellipsoid" else np.repeat(size[:, :1], 3, axis=1)
         return [rr.Ellipsoids3D(half_sizes=half, centers=centres, **common)]
     if kind == "plane":
-        # A plane is drawn as a thin box below it, so that it does not hide the map.
+        # A plane is drawn as a thin box below its height, so that it does not hide the map.
         size = np.column_stack([size[:, :2], np.full(len(size), 1e-3)])
         centres = centres - [0.0, 0.0, 2e-3]
     return [rr.Boxes3D(half_sizes=size, centers=centres, **common)]
 
 
 def _axis(xyzw: FloatArray) -> FloatArray:
-    """(3,) the z axis of a rotated frame."""
+    """Compute the z axis (3,) of a rotated frame."""
     x, y, z, w = xyzw
     return np.array([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)])

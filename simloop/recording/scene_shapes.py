@@ -1,4 +1,4 @@
-"""Reads the visible scene, its bodies and shapes, from a compiled model."""
+"""Read the visible scene, its bodies and shapes, from a compiled model."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ _KINDS: dict[int, ShapeKind] = {
 
 
 def scene_of(scenario: Scenario, world: World) -> Scene:
-    """Describe what a recording of a run shows before it begins.
+    """Describe what a recording shows before the run begins.
 
     Args:
-        scenario: What is run.
+        scenario: The scenario of the run.
         world: Its built world.
 
     Returns:
-        The scene; sizes and counts come from the compiled model.
+        The scene. Sizes and counts come from the compiled model.
     """
     model = world.model
     return Scene(
@@ -50,10 +50,10 @@ def scene_of(scenario: Scenario, world: World) -> Scene:
 
 
 def title_of(scenario: Scenario) -> str:
-    """Name a recording or a contact sheet.
+    """Make the title of a recording or a contact sheet.
 
     Args:
-        scenario: What is run.
+        scenario: The scenario of the run.
 
     Returns:
         Title and seed.
@@ -62,7 +62,7 @@ def title_of(scenario: Scenario) -> str:
 
 
 def scene_shapes(model: mujoco.MjModel) -> list[Shape]:
-    """List all visible geoms, which are those outside the collision group.
+    """List all visible geoms, that is those outside the collision group.
 
     Args:
         model: The compiled model.
@@ -104,8 +104,8 @@ def scene_shapes(model: mujoco.MjModel) -> list[Shape]:
 
 
 def _surface_of(model: mujoco.MjModel, field: int) -> tuple[FloatArray, NDArray[np.int32]]:
-    """Vertices (n, 3), m, and triangles (m, 3) of a height field, in its geom's frame."""
-    # MuJoCo stores the heights by rows along y, scaled so that the highest is 1.
+    """Compute vertices (n, 3), m, and triangles (m, 3) of a height field, in its geom's frame."""
+    # MuJoCo stores the heights in rows along y, scaled so that the highest is 1.
     rows, columns = int(model.hfield_nrow[field]), int(model.hfield_ncol[field])
     half_x, half_y, high, _ = model.hfield_size[field]
     start = int(model.hfield_adr[field])
@@ -130,7 +130,7 @@ def scene_bodies(model: mujoco.MjModel) -> list[Body]:
         model: The compiled model.
 
     Returns:
-        The bodies, parents first. A free body stands at the origin: its pose comes with the run.
+        The bodies, parents first. A free body is at the origin: its pose comes with the run.
     """
     return [
         Body(

@@ -1,4 +1,4 @@
-"""Describes a scene to be drawn, independent of any physics engine."""
+"""The description of a scene to draw, independent of any physics engine."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ ShapeKind = Literal["plane", "sphere", "capsule", "ellipsoid", "cylinder", "box"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shape:
-    """One visible shape, in the frame of the body that carries it.
+    """One visible shape, in the frame of its body.
 
     Attributes:
-        name: Its name.
-        body: The body that carries it; ``world`` for the arena.
-        kind: What it is. A height field is a mesh here.
+        name: Name of the shape.
+        body: Name of its body; ``world`` for the arena.
+        kind: Kind of the shape. A height field is a mesh here.
         position_m: (3,) its centre in the body's frame, m.
         quaternion_wxyz: (4,) its attitude in the body's frame.
         size_m: (3,) as in MJCF, m: half sizes of a box and an ellipsoid, half extents of a plane;
@@ -44,11 +44,11 @@ class Shape:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
-    """A body that carries shapes.
+    """A body that has shapes.
 
     Attributes:
-        name: Its name.
-        parent: The name of its parent body.
+        name: Name of the body.
+        parent: Name of its parent body.
         position_m: (3,) its place in the parent's frame with its joint at zero, m.
         quaternion_wxyz: (4,) its attitude in the parent's frame with its joint at zero.
     """
@@ -64,16 +64,16 @@ class Scene:
     """Everything that a recording shows before the run begins.
 
     Attributes:
-        shapes: What is visible.
-        bodies: What carries it, parents first.
+        shapes: The visible shapes.
+        bodies: Their bodies, parents first.
         bounds_m: (4,) x_min, y_min, x_max, y_max of the arena in map, m.
-        start: (3,) x, y, yaw of base_link in map at the start, where odometry begins.
+        start: (3,) x, y, yaw of base_link in map at the start, where odometry starts.
         goal_m: (2,) goal in map, m.
-        laser_m: (3,) the LiDAR in base_link, m.
-        road_wheels: Road wheels of each track.
-        camera_m: (3,) the depth camera in base_link, m; None if there is none.
+        laser_m: (3,) position of the LiDAR in base_link, m.
+        road_wheels: Number of road wheels of each track.
+        camera_m: (3,) position of the depth camera in base_link, m; None if there is none.
         vehicle: Size of the vehicle.
-        title: What the recording is called.
+        title: Title of the recording.
     """
 
     shapes: list[Shape]

@@ -1,7 +1,7 @@
-"""Draws pictures of a run: eight moments with the planner's view, and one sheet of them all.
+"""Draw pictures of a run: eight moments with the planner's view, and a sheet of all of them.
 
 After Sabiha 2022, Fig. 19. During the run only references to its read-only messages are kept,
-about twice a simulated second. All drawing is done after the run.
+about twice per simulated second. All drawing is done after the run.
 """
 
 from __future__ import annotations
@@ -44,15 +44,15 @@ _GREY = (110, 104, 98)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moment:
-    """What one picture shows.
+    """The content of one picture.
 
     Attributes:
         truth: Ground truth at this instant.
         belief: What the robot believed.
         mode: The driving mode.
-        plans: How many plans there were so far.
-        trail_length: How many of the kept true positions lie before this instant.
-        loose: Ground truth of bodies that can move, if there are any.
+        plans: Number of plans so far.
+        trail_length: Number of kept true positions before this instant.
+        loose: Ground truth of bodies that can move; None if there are none.
     """
 
     truth: Truth
@@ -64,7 +64,7 @@ class Moment:
 
 
 class Snapshots:
-    """Listens to a run and draws pictures of it afterwards.
+    """Listens to a run, and draws pictures of it afterwards.
 
     Without OpenGL one warning is logged, and only the planner's views are drawn.
     """
@@ -83,12 +83,12 @@ class Snapshots:
 
         Args:
             model: The arena with the vehicle.
-            directory: Where the pictures go; made when they are drawn.
+            directory: Folder of the pictures; created when they are drawn.
             goal: (2,) goal in map at the start, m.
             vehicle: Size of the vehicle.
-            title: Heading of the sheet; may be empty.
+            title: Title of the sheet; may be empty.
             moments: Number of pictures.
-            period_s: Simulated time between the moments that are kept for the choice.
+            period_s: Simulated time between two kept moments.
         """
         self._model, self._directory, self._title = model, Path(directory), title
         self._goal, self._count = np.array(goal[:2], float), moments
@@ -106,7 +106,7 @@ class Snapshots:
         self._take[LooseTruth] = self._take[GoalReading] = self._keep
 
     def offer(self, message: Published) -> None:
-        """Take one message; kinds that no picture shows are ignored.
+        """Take one message. Kinds that no picture shows are ignored.
 
         Args:
             message: Any message of the run.
@@ -119,7 +119,7 @@ class Snapshots:
         """Draw and write ``moment_1.png`` ... and ``contact_sheet.png``.
 
         Returns:
-            The path of the sheet; None if there was no message at all.
+            The path of the sheet; None if there was no message.
 
         Raises:
             OSError: A file cannot be written.
@@ -145,8 +145,8 @@ class Snapshots:
             self._plans += 1
 
     def _on_truth(self, truth: Truth) -> None:
-        # The truth opens a control period: a moment shows what was known when the last one ended.
-        # The first moment waits for the first map, about a tenth of a second.
+        # The truth starts a control period: a moment shows the state at the end of the last one.
+        # The first moment waits for the first map, about 0.1 s.
         last = self._latest.get(Truth)
         waits = MapUpdate not in self._latest and truth.t_ns < self._period_ns
         if last is not None and last.t_ns >= self._due_ns and not waits:
@@ -155,7 +155,7 @@ class Snapshots:
         self._latest[Truth] = truth
 
     def _moment(self) -> Moment:
-        """Keep what is known now."""
+        """Collect the present state."""
         known, truth = self._latest, self._latest[Truth]
         estimate, command = known.get(Estimate), known.get(TrackCommand)
         goal = known.get(GoalReading)
@@ -177,11 +177,11 @@ class Snapshots:
         return Moment(truth, belief, mode, self._plans, len(self._truths), known.get(LooseTruth))
 
     def chosen_moments(self) -> list[Moment]:
-        """Choose the moments of the pictures: spread evenly in time, none twice.
+        """Select the moments of the pictures: spread evenly in time, none twice.
 
         Returns:
-            The moments in order; the first and the present one are among them. Empty before the
-            first ground truth.
+            The moments in order, including the first and the present one. Empty before the first
+            ground truth.
         """
         if Truth not in self._latest:
             return []
@@ -210,7 +210,7 @@ class Snapshots:
         return [self._tile(m, s, i) for m, s, i in zip(chosen, scenes, insets, strict=True)]
 
     def _tile(self, moment: Moment, scene: Image, inset: Image) -> Image:
-        """Put the scene above, the planner's view and a caption below."""
+        """Put the scene at the top, and the planner's view and a caption below it."""
         flat = self._flat_tile(moment, inset)
         tile = np.full((len(scene) + len(flat), scene.shape[1], 3), PAPER, np.uint8)
         tile[: len(scene)], tile[len(scene) :] = scene, flat

@@ -1,4 +1,4 @@
-"""An open recording file of rerun, with the few ways in which a run is written to it."""
+"""An open recording file of rerun, and the methods that write a run to it."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ _log = logging.getLogger(__name__)
 
 
 class RecordingFile:
-    """A recording that is readable up to its last flush, whatever happens afterwards.
+    """A recording that stays readable up to its last flush after any failure.
 
     Attributes:
         rr: The recording library.
-        is_open: Whether the file takes anything still.
+        is_open: Whether the file still accepts data.
     """
 
     def __init__(self, path: Path, blueprint: rrb.Blueprint, title: str) -> None:
@@ -38,16 +38,16 @@ class RecordingFile:
 
         Args:
             path: The file.
-            blueprint: How the viewer arranges the recording.
-            title: What the recording is called; may be empty.
+            blueprint: Arrangement of the recording in the viewer.
+            title: Title of the recording; may be empty.
 
         Raises:
             OSError: The file cannot be opened.
         """
-        # Opened here first: what the library raises for a bad path is not an OSError.
+        # Open the file here first, because the library's error for a bad path is not an OSError.
         with open(path, "ab"):
             pass
-        # On a full disk the library's own log writes three lines. ``_give_up`` writes one.
+        # On a full disk the library's own log has three lines. ``_give_up`` writes one line.
         os.environ.setdefault("RUST_LOG", "off")
         import rerun as rr
 
@@ -68,7 +68,7 @@ class RecordingFile:
         """Write something that does not change during the run.
 
         Args:
-            entity: Where it stands in the recording.
+            entity: Its path in the recording.
             what: Archetypes of the library.
         """
         self._stream.log(entity, *what, static=True)
@@ -77,7 +77,7 @@ class RecordingFile:
         """Write something for one instant.
 
         Args:
-            entity: Where it stands in the recording.
+            entity: Its path in the recording.
             t_ns: Simulated time, ns.
             what: An archetype of the library.
         """
@@ -85,10 +85,10 @@ class RecordingFile:
         self._stream.log(entity, what)
 
     def send(self, entity: str, t_ns: Sequence[int] | FloatArray, columns: Any) -> None:
-        """Write many instants at once, which costs the library as much as one.
+        """Write many instants at once. This costs the library as much as one instant.
 
         Args:
-            entity: Where it stands in the recording.
+            entity: Path in the recording.
             t_ns: (N,) simulated times, ns.
             columns: Columns of the library, N rows.
         """
@@ -100,7 +100,7 @@ class RecordingFile:
         """Write a plot.
 
         Args:
-            entity: Where it stands below ``plots/``.
+            entity: Path below ``plots/``.
             t_ns: (N,) simulated times, ns.
             values: (N,) values, or (N, k) for k lines.
         """
@@ -116,10 +116,10 @@ class RecordingFile:
         """Write line strips in a horizontal plane.
 
         Args:
-            entity: Where they stand in the recording.
+            entity: Path in the recording.
             t_ns: (N,) simulated times, ns.
             rows: N lists of strips (n, 2), m.
-            height_m: The plane's height.
+            height_m: Height of the plane.
         """
         flat = [lifted(strip, height_m) for row in rows for strip in row]
         columns = self.rr.LineStrips3D.columns(strips=flat)
@@ -131,10 +131,10 @@ class RecordingFile:
         """Write points in a horizontal plane.
 
         Args:
-            entity: Where they stand in the recording.
+            entity: Path in the recording.
             t_ns: (N,) simulated times, ns.
             rows: N arrays of points (n, 2), m.
-            height_m: The plane's height.
+            height_m: Height of the plane.
         """
         columns = self.rr.Points3D.columns(positions=lifted(np.concatenate(rows), height_m))
         self.send(entity, t_ns, columns.partition([len(row) for row in rows]))
@@ -145,7 +145,7 @@ class RecordingFile:
         """Write poses in the parent's frame.
 
         Args:
-            entity: Where they stand in the recording.
+            entity: Path in the recording.
             t_ns: (N,) simulated times, ns.
             places_m: (N, 3) positions, m.
             wxyz: (N, 4) attitudes.
@@ -155,7 +155,7 @@ class RecordingFile:
         self.send(entity, t_ns, columns)
 
     def flush(self) -> None:
-        """Write to disk. If that fails, one line says so and the file takes nothing more."""
+        """Write to disk. If that fails, log one line and accept no more data."""
         try:
             self._stream.flush(timeout_sec=_FLUSH_TIMEOUT_S)
             self._flushed_bytes = self._path.stat().st_size
@@ -169,10 +169,10 @@ class RecordingFile:
             self._stream.disconnect()
 
     def _give_up(self, error: Exception) -> None:
-        """Report the error and cut off the half-written end, which a strict reader rejects."""
+        """Log the error, and cut off the incomplete end, which a strict reader rejects."""
         self.is_open = False
-        _log.error("recording stopped, %s keeps what fitted: %s", self._path, error)
-        # The library may wait for its dead writer for ever, here and again when Python ends.
+        _log.error("recording stopped, %s ends with the last complete write: %s", self._path, error)
+        # The library may wait for ever for its dead writer, here and again when Python exits.
         parting = threading.Thread(target=self._stream.disconnect, daemon=True)
         parting.start()
         parting.join(_PARTING_S)

@@ -1,4 +1,4 @@
-"""Watches a run: connects recording, pictures and plan log to it, and finishes them."""
+"""Connect recording, pictures and plan log to a run, and finish them."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ if TYPE_CHECKING:
 
 @contextmanager
 def watch(scenario: Scenario, world: World, outputs: Outputs) -> Iterator[Watch]:
-    """Watch one run: give the simulation ``listeners``; leaving the context finishes all files.
+    """Watch one run: its ``listeners`` go to the simulation. Leaving the context closes the files.
 
-    If the body raises, the recording is closed as it is and no picture is drawn. Example:
+    If the body raises, the recording is closed as it is, and no picture is drawn. Example:
 
         with watch(scenario, world, Outputs(recording=Path("run.rrd"))) as watched:
             Simulation(scenario, watched.listeners, world=world).run()
 
     Args:
-        scenario: What is run.
+        scenario: The scenario of the run.
         world: Its built world.
-        outputs: Which files are wanted.
+        outputs: The requested files.
 
     Yields:
         The watch.
@@ -49,10 +49,10 @@ def watch(scenario: Scenario, world: World, outputs: Outputs) -> Iterator[Watch]
 
 
 class Watch:
-    """The listeners of one run and what they keep.
+    """The listeners of one run and their data.
 
     Attributes:
-        listeners: Take every message of the run.
+        listeners: Functions that get every message of the run.
     """
 
     def __init__(self, scenario: Scenario, world: World, outputs: Outputs) -> None:
@@ -76,14 +76,14 @@ class Watch:
         """Compare each plan with the exact optimum, for the result file.
 
         Returns:
-            ``plans``: one table for each plan; empty if no plan log was kept.
+            ``plans``: one table for each plan; empty if there is no plan log.
         """
         if self._plans is None:
             return {}
         return {"plans": [asdict(record) for record in self._records(self._plans)]}
 
     def finish(self) -> None:
-        """Write the plans' gaps, close the recording and draw the pictures; once.
+        """Write the plans' gaps, close the recording and draw the pictures. Runs only once.
 
         Raises:
             OSError: A picture cannot be written.
@@ -103,22 +103,22 @@ class Watch:
             self._recorder.close()
 
     def _records(self, plans: PlanLog) -> list[PlanRecord]:
-        """The plan records, computed once: each costs some 40 ms."""
+        """Compute the plan records only once, because each takes about 40 ms."""
         if self._plan_records is None:
             self._plan_records = plans.records()
         return self._plan_records
 
 
 def recorder_for(path: Path, scenario: Scenario, world: World) -> RerunRecorder:
-    """Open a recording of a run; the caller closes it.
+    """Open a recording of a run. The caller closes it.
 
     Args:
         path: The recording's file.
-        scenario: What is run.
+        scenario: The scenario of the run.
         world: Its built world.
 
     Returns:
-        The recorder, whose ``offer`` is a listener.
+        The recorder. Its ``offer`` is a listener.
 
     Raises:
         OSError: The file cannot be opened.
@@ -129,15 +129,15 @@ def recorder_for(path: Path, scenario: Scenario, world: World) -> RerunRecorder:
 
 
 def snapshots_for(directory: Path, scenario: Scenario, world: World) -> Snapshots:
-    """Prepare the pictures of a run; they are drawn by ``finish``.
+    """Prepare the pictures of a run. ``finish`` draws them.
 
     Args:
-        directory: Where the pictures go.
-        scenario: What is run.
+        directory: Folder of the pictures.
+        scenario: The scenario of the run.
         world: Its built world.
 
     Returns:
-        The pictures, whose ``offer`` is a listener.
+        The pictures. Their ``offer`` is a listener.
     """
     from simloop.recording.snapshots import Snapshots
 

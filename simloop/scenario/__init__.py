@@ -1,1 +1,1 @@
-"""A run described: scenario files, their errors, and the world that they describe."""
+"""Scenarios: the files that describe a run, their errors, and the worlds that they describe."""

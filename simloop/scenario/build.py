@@ -1,4 +1,4 @@
-"""From a scenario to its compiled world, checked before anything is written or run."""
+"""Build the compiled world of a scenario, and check it before anything is written or run."""
 
 from __future__ import annotations
 
@@ -21,27 +21,28 @@ from simloop.worlds.world import World, compile_world
 __all__ = ["World", "build_world", "check_ends", "nearest"]
 
 _LEAST_HALF_WIDTH = 0.45
-"""Share of the robot's width: a way narrower than nine tenths of the robot counts as closed."""
+"""Share of the robot's width. A passage narrower than 90 % of the robot counts as closed."""
 
 
 def build_world(scenario: Scenario) -> World:
-    """Builds what a scenario describes, with one compilation, and checks that it can be driven.
+    """Build the world of a scenario, with one compilation, and check that it can be driven.
 
     Args:
-        scenario: the run to come.
+        scenario: the scenario to run.
 
     Returns:
         The world.
 
     Raises:
-        InputError: in one line, where the world cannot be built, or start or goal cannot be used.
+        InputError: the world cannot be built, or start or goal cannot be used. The text has one
+            line.
     """
     where, tracks = f"scenario '{scenario.name}'", scenario.config.tracks
     try:
         world = compile_world(describe(scenario), scenario.config)
         friction_map(tracks.zones, tracks.friction_image)
     except ValueError as error:
-        # A start or goal outside the arena is the likelier cause, and easier to act on.
+        # A start or goal outside the arena is the more likely cause, and easier to correct.
         _check_bounds(scenario, where)
         raise InputError(f"{where}: {error}") from None
     check_ends(scenario, world.floor, world.body, where)
@@ -51,16 +52,16 @@ def build_world(scenario: Scenario) -> World:
 
 
 def check_ends(scenario: Scenario, floor: FloorPlan, body: Body, where: str) -> None:
-    """Refuses a start or goal that is outside the arena, too near to something, or walled off.
+    """Reject a start or goal that is outside the arena, too near to an obstacle, or walled off.
 
     Args:
         scenario: start, goal, and whether the goal may be closed off.
-        floor: what stands.
+        floor: the floor plan.
         body: the robot's true outline.
-        where: what the error text begins with.
+        where: start of the error text.
 
     Raises:
-        InputError: in one line, with the key and the reason.
+        InputError: start or goal cannot be used. The text has one line, with key and reason.
     """
     radius = body.footprint_radius_m
     start, goal = np.array(scenario.start[:2]), np.array(scenario.goal)
@@ -87,10 +88,10 @@ def check_ends(scenario: Scenario, floor: FloorPlan, body: Body, where: str) -> 
 
 
 def nearest(floor: FloorPlan, point: FloatArray) -> tuple[float, str]:
-    """What stands nearest to a point.
+    """Find the obstacle nearest to a point.
 
     Args:
-        floor: what stands.
+        floor: the floor plan.
         point: (2,) x, y in map, m.
 
     Returns:
@@ -104,7 +105,7 @@ def nearest(floor: FloorPlan, point: FloatArray) -> tuple[float, str]:
 
 
 def _check_bounds(scenario: Scenario, where: str) -> None:
-    """Raises InputError for ends outside the arena, if its bounds are known without its world."""
+    """Raise InputError for ends outside the arena, if its bounds are known without its world."""
     sized = scenario.generator or scenario
     try:
         bounds = (

@@ -1,4 +1,4 @@
-"""What can be chosen by name, listed without slow imports such as MuJoCo."""
+"""List what can be selected by name, without slow imports such as MuJoCo."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from simloop.planners import registry
 
 
 def scenario_files() -> dict[str, Path]:
-    """The scenarios that come with the package.
+    """List the scenarios of the package.
 
     Returns:
         Name -> file, in alphabetical order.
@@ -19,7 +19,7 @@ def scenario_files() -> dict[str, Path]:
 
 
 def arena_files() -> dict[str, Path]:
-    """The arenas that come with the package.
+    """List the arenas of the package.
 
     Returns:
         Name -> MJCF file, in alphabetical order.
@@ -28,7 +28,7 @@ def arena_files() -> dict[str, Path]:
 
 
 def planner_names() -> tuple[str, ...]:
-    """The names that ``planner.name`` may have.
+    """List the valid values of ``planner.name``.
 
     Returns:
         The names of the registered planners.
@@ -37,13 +37,13 @@ def planner_names() -> tuple[str, ...]:
 
 
 def scenario_facts(path: Path) -> dict[str, str]:
-    """What a list of scenarios shows of one.
+    """Read the entry of one scenario for a list of scenarios.
 
     Args:
-        path: a scenario file that comes with the package.
+        path: a scenario file of the package.
 
     Returns:
-        Its ``title``, ``description`` and ``arena``; "" for what it does not say.
+        Its ``title``, ``description`` and ``arena``; "" for a key that it does not have.
     """
     table = tomllib.loads(path.read_text(encoding="utf-8"))
     return {key: str(table.get(key, "")) for key in ("title", "description", "arena")}

@@ -1,7 +1,7 @@
-"""From a scenario to the layout of its world: all that is read from files or drawn from the seed.
+"""Make the layout of a scenario's world: read its files and draw its random parts.
 
 Nothing is compiled here. The layout depends on the scenario, on the files it names and on the
-vehicle's model, never on what the robot believes of itself (``config.vehicle``).
+vehicle's model. It never depends on what the robot believes about itself (``config.vehicle``).
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from simloop.worlds.movers.random_crowd import draw_crowd
 from simloop.worlds.obstacles import Obstacle
 from simloop.worlds.vehicle_body import body_of
 
-# One random stream for each thing that is drawn: none shifts another, nor what the stages of a run
-# draw from the seed.
+# Each random part has its own random stream. So no part shifts the draws of another part, or those
+# of the stages of a run.
 _WORLD_STREAM = 0x3D
 _CLUTTER_STREAM = 0xC1
 _CROWD_STREAM = 0xC2
@@ -37,18 +37,18 @@ _HEIGHT_STREAM = 0xC3
 
 
 def describe(scenario: Scenario) -> Layout:
-    """All that stands and moves in a scenario's world.
+    """Make the layout of a scenario's world.
 
-    The arena is read, not compiled, to learn where clutter and movers can be placed.
+    The arena is read but not compiled, to find places for clutter and movers.
 
     Args:
-        scenario: its seed, world, obstacles, clutter, terrain, loose things and movers.
+        scenario: the scenario.
 
     Returns:
-        The layout; equal scenarios give equal layouts.
+        The layout. Equal scenarios give equal layouts.
 
     Raises:
-        ValueError: where a file cannot be used, or no world, clutter or crowd was found that fits.
+        ValueError: a file cannot be used, or no fitting world, clutter or crowd was found.
     """
     layout = _without_draws(scenario)
     if scenario.clutter is None and scenario.crowd is None:
@@ -56,7 +56,7 @@ def describe(scenario: Scenario) -> Layout:
     world = assemble(layout, scenario.config.tracks.friction)
     if scenario.clutter is not None:
         clutter = _clutter(scenario, world)
-        # The crowd must keep clear of the clutter too.
+        # The crowd must also keep a distance from the clutter.
         add_obstacles(world, clutter, first=len(layout.obstacles) + 1)
         layout = replace(layout, obstacles=(*layout.obstacles, *clutter))
     if scenario.crowd is not None:
@@ -69,7 +69,7 @@ def describe(scenario: Scenario) -> Layout:
 
 
 def _without_draws(scenario: Scenario) -> Layout:
-    """What the scenario says itself, and its generated world; not yet clutter and crowd."""
+    """Make the layout without clutter and crowd: the given parts and the generated world."""
     world = _arena(scenario)
     return replace(
         world,
@@ -81,7 +81,7 @@ def _without_draws(scenario: Scenario) -> Layout:
 
 
 def _arena(scenario: Scenario) -> Layout:
-    """The world by itself: generated, read from another's file, or an MJCF arena."""
+    """Make the world alone: generated, read from another format's file, or an MJCF arena."""
     path = Path(scenario.arena)
     if scenario.generator is not None:
         rng = np.random.default_rng([scenario.seed, _WORLD_STREAM])
@@ -99,7 +99,7 @@ def _vehicle() -> Body:
 
 
 def _clutter(scenario: Scenario, world: mujoco.MjSpec) -> list[Obstacle]:
-    """Obstacles drawn among what stands in the assembled world; some out of the LiDAR's sight."""
+    """Draw obstacles between those of the assembled world, some hidden from the LiDAR."""
     assert scenario.clutter is not None
     body = body_of(world)
     standing = sections_of_spec(world, loose=True)
@@ -111,7 +111,7 @@ def _clutter(scenario: Scenario, world: mujoco.MjSpec) -> list[Obstacle]:
         body,
         scenario.clutter.count,
         scenario.config.planner.safe_distance_m,
-        # The bounds stand for the walls.
+        # The bounds represent the walls.
         [section for section in standing if not section.name.startswith("wall")],
     )
     rng = np.random.default_rng([scenario.seed, _HEIGHT_STREAM])

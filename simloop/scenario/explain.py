@@ -1,4 +1,4 @@
-"""Explains errors in scenario files in one line: the key, what is wrong, and the choices."""
+"""Explain errors in scenario files in one line: the key, what is wrong, and the choices."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from simloop.scenario.scenario import Scenario
 
 
 def one_line(error: ValidationError) -> str:
-    """The first of a validation's errors in one line, with the number of the others.
+    """Describe the first of a validation's errors in one line, with the number of the others.
 
     Args:
-        error: what pydantic raised for a scenario.
+        error: pydantic's error for a scenario.
 
     Returns:
-        Key, what is wrong, and the choices where there are some.
+        Key, what is wrong, and the choices, if there are some.
     """
     details = error.errors(include_url=False)
     line = _describe(details[0])
@@ -31,7 +31,7 @@ def one_line(error: ValidationError) -> str:
 
 
 def _describe(detail: ErrorDetails) -> str:
-    """One error in a line, with its key as it stands in a file, where no ``config`` is written."""
+    """Describe one error in a line, with its key as in a file, that is without ``config``."""
     location = [part for part in detail["loc"] if part != "config"]
     key, kind, given = ".".join(map(str, location)), detail["type"], detail["input"]
     if kind in ("unexpected_keyword_argument", "extra_forbidden"):
@@ -58,13 +58,13 @@ def _describe(detail: ErrorDetails) -> str:
 
 
 def keys_at(location: Sequence[int | str]) -> list[str]:
-    """The keys that a table in a scenario file may have.
+    """List the valid keys of a table in a scenario file.
 
     Args:
         location: keys and list indices that lead to the table; empty for the top of the file.
 
     Returns:
-        The names of the keys; none where the location is no table.
+        The names of the keys; none if the location is not a table.
     """
     holder: Any = Scenario
     for part in location:
@@ -79,7 +79,7 @@ def keys_at(location: Sequence[int | str]) -> list[str]:
 
 
 def _tables_of(holder: Any) -> dict[str, Any]:
-    """The dataclass in each field of a dataclass; the sections of Config count as a scenario's."""
+    """Find the dataclass in each field of a dataclass; Config's sections count as a scenario's."""
     hints = typing.get_type_hints(holder)
     if holder is Scenario:
         hints |= typing.get_type_hints(hints["config"])
@@ -87,17 +87,17 @@ def _tables_of(holder: Any) -> dict[str, Any]:
 
 
 def _dataclass_in(hint: Any) -> Any:
-    """The dataclass that a type is, or that it holds, as ``tuple[Ramp, ...] | None`` does."""
+    """Find the dataclass that a type is or contains, for example ``tuple[Ramp, ...] | None``."""
     if is_dataclass(hint):
         return hint
     return next(filter(None, map(_dataclass_in, typing.get_args(hint))), None)
 
 
 def short_value(value: Any) -> str:
-    """A value as it is written in a file, shortened.
+    """Format a value as in a file, and shorten it.
 
     Args:
-        value: of any type.
+        value: a value of any type.
 
     Returns:
         Its text, at most 60 characters.
@@ -106,11 +106,11 @@ def short_value(value: Any) -> str:
 
 
 def shorten(text: str, length: int = 60) -> str:
-    """A text that is cut off if it is too long.
+    """Cut off a text that is too long.
 
     Args:
-        text: to be shortened.
-        length: the most characters that are kept.
+        text: the text.
+        length: the largest number of characters.
 
     Returns:
         The text, with "..." at its end if it was cut.

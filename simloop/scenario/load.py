@@ -1,4 +1,4 @@
-"""Loads scenarios from TOML files and from overrides on the command line."""
+"""Load scenarios from TOML files and from overrides on the command line."""
 
 from __future__ import annotations
 
@@ -32,19 +32,19 @@ def load(
     seed: int | None = None,
     planner: str | None = None,
 ) -> Scenario:
-    """Reads a scenario, applies overrides and validates the result.
+    """Read a scenario, apply overrides and validate the result.
 
     Args:
-        name_or_path: a scenario that comes with the package, or a file.
+        name_or_path: name of a scenario of the package, or a file.
         overrides: ``key=value`` texts with dotted keys; values as in TOML, or a bare word.
         seed: replaces the scenario's seed.
         planner: replaces the name of the planner.
 
     Returns:
-        The scenario, with full paths of all files it names.
+        The scenario, with full paths of all its files.
 
     Raises:
-        InputError: in one line, for whatever is wrong with any of them.
+        InputError: the file, an override or the result is wrong. The text has one line.
     """
     file = resolve(name_or_path)
     table = read_toml(file)
@@ -53,7 +53,7 @@ def load(
     _make_paths_full(table, file.parent)
     for text in overrides:
         apply_override(table, text)
-    _make_paths_full(table, Path.cwd())  # files in overrides are relative to where one stands
+    _make_paths_full(table, Path.cwd())  # files in overrides are relative to the current directory
     if seed is not None:
         table["seed"] = seed
     if planner is not None:
@@ -64,7 +64,7 @@ def load(
 
 
 def _move_old_keys(table: dict[str, Any], source: str) -> None:
-    """Puts the values of keys of older versions under the keys that they are now, in place."""
+    """Move the values of old keys to the present keys, in place."""
     for old, new in MOVED_KEYS.items():
         section, _, key = old.partition(".")
         holder = table.get(section)
@@ -78,7 +78,7 @@ def _move_old_keys(table: dict[str, Any], source: str) -> None:
 
 
 def _make_paths_full(table: dict[str, Any], folder: Path) -> None:
-    """Turns the files that the tables name into full paths, in place; full paths stay."""
+    """Turn the file names in the tables into full paths, in place. Full paths are kept."""
     arena = table.get("arena")
     if isinstance(arena, str) and arena.endswith(ARENA_FILES):
         table["arena"] = _full_path(folder, arena)
@@ -93,7 +93,7 @@ def _make_paths_full(table: dict[str, Any], folder: Path) -> None:
 
 
 def _full_path(folder: Path, name: str) -> str:
-    """The path of a file that is named relative to a folder."""
+    """Compute the full path of a file that is named relative to a folder."""
     try:
         return str((folder / name).resolve())
     except (OSError, RuntimeError, ValueError) as error:  # a null byte, a loop of links
@@ -101,16 +101,16 @@ def _full_path(folder: Path, name: str) -> str:
 
 
 def resolve(name_or_path: str | Path) -> Path:
-    """The file of a scenario.
+    """Find the file of a scenario.
 
     Args:
-        name_or_path: a scenario that comes with the package, or a file.
+        name_or_path: name of a scenario of the package, or a file.
 
     Returns:
         The file.
 
     Raises:
-        InputError: if there is none; it lists the names.
+        InputError: there is no such scenario; the error lists the names.
     """
     text, known = str(name_or_path), scenario_files()
     if text in known:
@@ -120,21 +120,21 @@ def resolve(name_or_path: str | Path) -> Path:
         return path
     if path.suffix or len(path.parts) > 1:
         what = "is a directory, not a scenario file" if path.is_dir() else "no such file"
-        raise InputError(f"{text}: {what}; the scenarios that come along: {', '.join(known)}")
+        raise InputError(f"{text}: {what}; the scenarios of the package: {', '.join(known)}")
     raise InputError(f"unknown scenario '{text}'{did_you_mean(text, known)}")
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """The tables of a scenario file.
+    """Read the tables of a scenario file.
 
     Args:
-        path: of a TOML file; the table ``versions`` of a saved run is left out.
+        path: a TOML file; the table ``versions`` of a saved run is left out.
 
     Returns:
-        The tables as they stand in the file, not validated.
+        The tables as they are in the file, not validated.
 
     Raises:
-        InputError: if the file cannot be read or is not TOML.
+        InputError: the file cannot be read or is not TOML.
     """
     try:
         table = tomllib.loads(path.read_bytes().decode("utf-8"))
@@ -151,14 +151,14 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def apply_override(table: dict[str, Any], text: str) -> None:
-    """Sets one key of the tables, in place.
+    """Set one key of the tables, in place.
 
     Args:
         table: the tables of a scenario file.
-        text: ``a.b=value``; elements of lists are reached by their index, as in ``goal.0=3``.
+        text: ``a.b=value``; an index selects an element of a list, as in ``goal.0=3``.
 
     Raises:
-        InputError: if the text is not of this form, or leads through something that is no table.
+        InputError: the text does not have this form, or a part of the key is not a table.
     """
     key, equals, value = text.partition("=")
     text = shorten(text)
@@ -173,17 +173,17 @@ def apply_override(table: dict[str, Any], text: str) -> None:
 
 
 def parse_value(value: str, text: str) -> Any:
-    """Reads a value from the command line.
+    """Read a value from the command line.
 
     Args:
-        value: as in TOML, or a bare word, which is taken as a string.
+        value: a value as in TOML, or a bare word, which becomes a string.
         text: the whole override, for the error.
 
     Returns:
         The value.
 
     Raises:
-        InputError: if it is neither.
+        InputError: the value is neither.
     """
     try:
         parsed = tomllib.loads(f"value = {value}")
@@ -199,17 +199,17 @@ def parse_value(value: str, text: str) -> Any:
 
 
 def from_table(table: Mapping[str, Any], *, source: str) -> Scenario:
-    """Validates the tables of a scenario file.
+    """Validate the tables of a scenario file.
 
     Args:
         table: the scenario's own keys and the sections of ``Config``.
-        source: what an error text calls them, such as the file's name.
+        source: name of the tables in an error text, such as the file's name.
 
     Returns:
         The scenario. The names of arena and planner are not checked yet.
 
     Raises:
-        InputError: in one line, with the key and the choices.
+        InputError: a table is not valid. The text has one line, with the key and the choices.
     """
     sections = {field.name for field in fields(Config)}
     own = {field.name for field in fields(Scenario)} - {"config"}
@@ -220,7 +220,7 @@ def from_table(table: Mapping[str, Any], *, source: str) -> Scenario:
     data = {key: value for key, value in table.items() if key in own}
     data["config"] = {key: value for key, value in table.items() if key in sections}
     try:
-        # By way of JSON, strict validation still accepts a list where a tuple is expected.
+        # In JSON, strict validation accepts a list where a tuple is expected.
         return _adapter().validate_json(json.dumps(data, default=str), strict=True)
     except ValidationError as error:
         raise InputError(f"{source}: {one_line(error)}") from None
@@ -232,7 +232,7 @@ def _adapter() -> TypeAdapter[Scenario]:
 
 
 def _check_names(scenario: Scenario, *, source: str) -> None:
-    """Raises InputError for an arena, planner or prior map that cannot be used."""
+    """Raise InputError for an arena, planner or prior map that cannot be used."""
     name, arena = scenario.config.planner.name, scenario.arena
     if name not in planner_names():
         hint = did_you_mean(name, planner_names())
@@ -243,8 +243,8 @@ def _check_names(scenario: Scenario, *, source: str) -> None:
         except ValueError as error:
             raise InputError(f"{source}: planner.options: {error}") from None
     if scenario.config.slam.prior_map:
-        # Only for its errors: whatever is wrong is said before anything runs. The grid with its
-        # search fields is built by the robot alone.
+        # The map is read only for its errors, which are then reported before anything runs. The
+        # robot itself builds the grid with its search fields.
         read_cells(Path(scenario.config.slam.prior_map))
     elif not scenario.config.slam.extend_map:
         raise InputError(f"{source}: slam.extend_map: false needs a slam.prior_map")
@@ -257,7 +257,7 @@ def _check_names(scenario: Scenario, *, source: str) -> None:
 
 
 def _descend(node: Any, part: str, where: str) -> Any:
-    """The table or value under a key or index; a missing table is made."""
+    """Find the table or value under a key or index. A missing table is created."""
     if isinstance(node, dict):
         return node.setdefault(part, {})
     if isinstance(node, list):

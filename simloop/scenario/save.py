@@ -1,4 +1,4 @@
-"""Saves scenarios as TOML, with every key and its effective value."""
+"""Save scenarios as TOML, with every key and its effective value."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from simloop.scenario.scenario import Scenario
 
 
 def to_table(scenario: Scenario) -> dict[str, Any]:
-    """The tables of a scenario: the inverse of ``load.from_table``.
+    """Make the tables of a scenario: the inverse of ``load.from_table``.
 
     Args:
         scenario: any scenario.
 
     Returns:
-        Every key with its effective value; what is None is left out.
+        Every key with its effective value; keys with the value None are left out.
     """
     table = asdict(scenario)
     sections = table.pop("config")
@@ -25,11 +25,11 @@ def to_table(scenario: Scenario) -> dict[str, Any]:
 
 
 def to_toml(scenario: Scenario, versions: Mapping[str, str] | None = None) -> str:
-    """A scenario as TOML, which ``load`` reads back to an equal scenario.
+    """Write a scenario as TOML, which ``load`` reads back to an equal scenario.
 
     Args:
         scenario: any scenario.
-        versions: of the packages that were used, as a table of its own.
+        versions: versions of the packages, saved in a table of their own.
 
     Returns:
         The text of the file.
@@ -61,7 +61,7 @@ def _toml_value(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        # JSON escapes what TOML wants escaped, except DEL.
+        # JSON escapes all characters that TOML requires to be escaped, except DEL.
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, int | float):
         return repr(value)

@@ -1,8 +1,8 @@
 """A scenario: start, goal, world, and every setting of one run.
 
-A scenario file is TOML: the scenario's own keys at the top, then one table for each section
-of ``Config`` whose defaults it changes. An error in it is reported in one line with the file, the
-key and the choices.
+A scenario file is TOML. The scenario's own keys are at the top. Then there is one table for each
+section of ``Config`` whose defaults it changes. An error in it is reported in one line with the
+file, the key and the choices.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ class Clutter:
     """Obstacles that are drawn from the seed (see ``worlds.generators.clutter``).
 
     Attributes:
-        count: how many.
-        unseen: the share of them that the LiDAR's plane misses, 0 to 1.
+        count: number of obstacles.
+        unseen: share of them that the LiDAR's plane misses, 0 to 1.
     """
 
     count: Annotated[int, Field(ge=1, le=200)] = 12
@@ -49,30 +49,30 @@ class Clutter:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Scenario:
-    """One run, described completely: equal scenarios give equal runs.
+    """A complete description of one run. Equal scenarios give equal runs.
 
     Attributes:
-        name: of the scenario; the file's name unless given.
+        name: name of the scenario; by default the file's name.
         start: (3,) x, y, yaw of base_link in map, m, m, rad.
         goal: (2,) x, y in map, m.
         arena: a name, or a file relative to the scenario's: MJCF (``.xml``), a map_server map
             (``.yaml``), or a Gazebo world (``.world``, ``.sdf``).
         title: a few words for lists and pictures.
-        description: a sentence or two.
-        seed: of every random draw.
+        description: one or two sentences.
+        seed: seed of every random draw.
         time_limit_s: simulated time after which the run ends, s.
-        goal_tolerance_m: distance from the goal within which it counts as reached, m.
-        obstacles: added to the arena's own.
+        goal_tolerance_m: largest distance from the goal that counts as reached, m.
+        obstacles: obstacles in addition to the arena's own.
         clutter: further obstacles, drawn from the seed.
         generator: a whole world, drawn from the seed, instead of an arena.
         bounds_m: x_min, y_min, x_max, y_max of the arena ``field``, or of a Gazebo world, m.
         may_be_closed_off: whether a goal that cannot be reached is accepted.
         terrain: ground that is not flat.
-        loose: things that may be pushed.
-        movers: what moves by itself.
+        loose: movable bodies.
+        movers: things that move by themselves.
         crowd: further movers, drawn from the seed.
-        goal_motion: how the goal moves, if it does.
-        faults: what goes wrong during the run.
+        goal_motion: motion of the goal, if it moves.
+        faults: faults during the run.
         config: every setting of robot, sensors and physics.
     """
 
@@ -106,7 +106,7 @@ class Scenario:
     @model_validator(mode="after")
     def _has_one_floor(self) -> Scenario:
         if self.generator is not None and self.arena != "field":
-            raise reject("generator: draws a world of its own, so leave out arena")
+            raise reject("generator: draws its own world, so leave out arena")
         if self.bounds_m is not None:
             sized = self.arena == "field" or self.arena.endswith(_GAZEBO)
             if not sized or self.generator is not None:

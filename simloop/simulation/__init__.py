@@ -1,1 +1,1 @@
-"""What surrounds the robot in the closed loop: random streams, environment and sensor suite."""
+"""The robot's surroundings in the closed loop: random streams, environment and sensor suite."""

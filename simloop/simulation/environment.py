@@ -1,4 +1,4 @@
-"""What changes around the robot by itself: moving obstacles, the goal, and faults of the plant."""
+"""All changes around the robot: moving obstacles, the goal, and faults of the plant."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from simloop.worlds.movers.crowd import Crowd, MovingGoal
 
 
 class Goal:
-    """The true goal, which stands or moves, and what the robot is told about it.
+    """The true goal, static or moving, and the readings of it that the robot gets.
 
     Attributes:
         position_m: (2,) true position in map, m.
@@ -41,24 +41,24 @@ class Goal:
         return self._motion is not None
 
     def step(self) -> None:
-        """Move on by one control period."""
+        """Move the goal by one control period."""
         if self._motion is not None:
             self.position_m = self._motion.step()
 
     def read(self, t_ns: int) -> GoalReading | None:
-        """Tell the robot where a moving goal is.
+        """Make the robot's reading of a moving goal.
 
         Args:
             t_ns: Simulated time, ns.
 
         Returns:
-            The noisy reading, or None if the goal stands or no reading is due.
+            The noisy reading, or None if the goal is static or no reading is due.
         """
         return None if self._motion is None else self._motion.reading(t_ns, self.position_m)
 
 
 class Environment:
-    """Acts on the plant before each of its steps: faults first, then everything that moves.
+    """Acts on the plant before each of its steps: first the faults, then the moving things.
 
     Attributes:
         goal: The true goal.
@@ -77,7 +77,7 @@ class Environment:
             )
 
     def step(self, plant: Plant, truth: Truth) -> None:
-        """Apply what happens around the robot in the coming control period.
+        """Apply all changes around the robot in the coming control period.
 
         Args:
             plant: The plant, changed in place.

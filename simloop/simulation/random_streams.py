@@ -1,4 +1,4 @@
-"""One independent stream of random numbers for each part of a run that draws any."""
+"""One independent stream of random numbers for each random part of a run."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ import numpy as np
 
 
 class RandomStreams(NamedTuple):
-    """The random generators of a run, so that no part's draws depend on another part's.
+    """The random generators of a run. No part's draws depend on another part's.
 
-    The order of the fields is part of what a seed means: a new stream goes to the end.
+    The meaning of a seed depends on the order of the fields: a new stream must come last.
 
     Attributes:
         imu: Noise and biases of the IMU.
         lidar: Noise and drop-outs of the LiDAR.
         planner: The robot's planner.
-        faults: Which beams a fault removes.
-        movers: How moving obstacles walk.
-        goal: How a moving goal walks, and the noise of its readings.
+        faults: Beams that a fault removes.
+        movers: Motion of the moving obstacles.
+        goal: Motion of a moving goal, and the noise of its readings.
         camera: Noise and drop-outs of the depth camera.
     """
 

@@ -16,7 +16,7 @@ from simloop.truth import RayFan, Truth
 class SensorSuite:
     """Encoders, IMU, LiDAR, depth camera and goal reading, each at its own rate.
 
-    Faults change the readings here, after the sensor and before the robot.
+    Faults change the readings here, between the sensor and the robot.
     """
 
     def __init__(
@@ -32,7 +32,7 @@ class SensorSuite:
 
         Args:
             config: Sensor settings and rates.
-            plant: The plant, for the mounts and as the world that rays are cast into.
+            plant: The plant: it has the sensors' mounts, and rays are cast into its world.
             goal: The true goal.
             faults: The faults of the run.
             random: The random streams of the run.
@@ -52,14 +52,14 @@ class SensorSuite:
             self._shoot = profiler.wrap("camera", camera.shoot)
 
     def read(self, before: Truth, truth: Truth) -> Readings:
-        """Read every sensor that has something to say at the end of a control period.
+        """Read every sensor that is due at the end of a control period.
 
         Args:
             before: Ground truth at the start of the period; the LiDAR sweeps from there.
             truth: Ground truth at the end of the period.
 
         Returns:
-            The readings as the robot gets them, faults included.
+            The readings as the robot gets them, with faults applied.
         """
         faults, t_ns = self._faults, truth.t_ns
         faults.at(t_ns)
@@ -73,5 +73,5 @@ class SensorSuite:
 
 
 def _no_camera(truth: Truth, world: RayFan) -> DepthImage | None:
-    """Stand in for the camera of a robot that has none."""
+    """Replace the camera of a robot that has none."""
     return None

@@ -1,9 +1,9 @@
-"""Arenas: MJCF worlds, the vehicle in them, and what a layout adds to them.
+"""Arenas: load an MJCF world, and add the vehicle and the content of a layout.
 
 An arena file is a world without a vehicle. Its floor is a geom named ``floor``, its walls are named
-``wall_*``, its obstacles ``obstacle_*``, all in geom group 0, which the LiDAR sees. The vehicle's
-visual geoms are in group 2 and its collision geoms in group 3. The numeric ``bounds`` gives the
-free space.
+``wall_*``, its obstacles ``obstacle_*``. All are in geom group 0, which the LiDAR sees. The
+vehicle's visual geoms are in group 2 and its collision geoms in group 3. The numeric ``bounds``
+gives the free space.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from simloop.worlds.mjcf_obstacles import add_obstacles
 from simloop.worlds.obstacles import Obstacle
 from simloop.worlds.terrain import Loose, Terrain
 
-_OVERLAP_M = 0.001
-_RIM_M = 0.2  # of floor beyond the bounds, for walls to stand on
+_OVERLAP_M = 0.001  # penetration above which two geoms overlap
+_RIM_M = 0.2  # width of the floor beyond the bounds, on which walls stand
 
 
 def arena_names() -> list[str]:
-    """The arenas that come with the package.
+    """List the arenas of the package.
 
     Returns:
         Their names in alphabetical order.
@@ -40,7 +40,7 @@ def arena_names() -> list[str]:
 
 
 def arena_path(arena: str | Path) -> Path:
-    """The MJCF file of an arena.
+    """Find the MJCF file of an arena.
 
     Args:
         arena: a name, or a path ending in ``.xml``.
@@ -49,7 +49,7 @@ def arena_path(arena: str | Path) -> Path:
         The file.
 
     Raises:
-        ValueError: for a file that does not exist, or an unknown name; it lists the names.
+        ValueError: the file does not exist or the name is unknown; the error lists the names.
     """
     if str(arena).endswith(".xml"):
         path = Path(arena)
@@ -57,23 +57,24 @@ def arena_path(arena: str | Path) -> Path:
             raise ValueError(f"no arena file {path}")
         return path
     if str(arena) not in arena_names():
-        raise ValueError(f"no arena {str(arena)!r}; there are {', '.join(arena_names())}")
+        raise ValueError(f"unknown arena {str(arena)!r}; the arenas are {', '.join(arena_names())}")
     return models_dir() / "arenas" / f"{arena}.xml"
 
 
 def assemble(layout: Layout, friction: float = 0.6) -> mujoco.MjSpec:
-    """The specification of a world: arena, vehicle and all that the layout adds, not compiled.
+    """Assemble a world from the arena, the vehicle and the layout, without compiling it.
 
     Args:
-        layout: what stands and moves.
-        friction: of the tracks; it decides which terrain can be climbed and counts as ground.
+        layout: the description of the world.
+        friction: coefficient of friction of the tracks; it decides which terrain can be climbed,
+            and therefore counts as ground.
 
     Returns:
-        The specification. The vehicle's names are those of its own file; it stands at the origin.
+        The specification. The vehicle keeps the names of its own file and stands at the origin.
 
     Raises:
-        ValueError: for an unknown arena, a file that MuJoCo does not accept, or an arena with
-            geoms or joints that robot and judge would not agree on.
+        ValueError: the arena is unknown, MuJoCo does not accept its file, or it has geoms or
+            joints that LiDAR, contacts and floor plan would treat differently.
     """
     path = arena_path(layout.arena)
     try:
@@ -94,10 +95,10 @@ def assemble(layout: Layout, friction: float = 0.6) -> mujoco.MjSpec:
 def compile_spec(
     world: mujoco.MjSpec, timestep_s: float = 0.002, payload: PayloadConfig | None = None
 ) -> mujoco.MjModel:
-    """Compiles an assembled world.
+    """Compile an assembled world.
 
     Args:
-        world: what ``assemble`` returned; payload and options are set in it.
+        world: result of ``assemble``; payload and options are set in it.
         timestep_s: the physics step, s.
         payload: a load on the chassis, if any.
 
@@ -105,7 +106,7 @@ def compile_spec(
         The compiled model.
 
     Raises:
-        ValueError: in one line, where MuJoCo refuses the world.
+        ValueError: MuJoCo refuses the world. The text has one line.
     """
     if payload is not None:
         add_payload(world, payload)
@@ -125,29 +126,30 @@ def build(
     loose: Sequence[Loose] = (),
     friction: float = 0.6,
 ) -> mujoco.MjModel:
-    """An arena with the vehicle at its origin and further things in it, compiled.
+    """Compile an arena with the vehicle at its origin and further things in it.
 
     Args:
         arena: a name, or the path of an MJCF file.
-        obstacles: added to the arena's own.
+        obstacles: obstacles in addition to the arena's own.
         timestep_s: the physics step, s.
         payload: a load on the chassis, if any.
         terrain: ground that is not flat, if any.
-        loose: things that may be pushed.
-        friction: of the tracks; it decides which terrain can be climbed and counts as ground.
+        loose: movable bodies.
+        friction: coefficient of friction of the tracks; it decides which terrain can be climbed,
+            and therefore counts as ground.
 
     Returns:
         The compiled model.
 
     Raises:
-        ValueError: for an unknown arena, or a file that MuJoCo does not accept.
+        ValueError: the arena is unknown, or MuJoCo does not accept the file.
     """
     layout = Layout(None, tuple(obstacles), str(arena), terrain, tuple(loose))
     return compile_spec(assemble(layout, friction), timestep_s, payload)
 
 
 def bounds_of(model: mujoco.MjModel) -> FloatArray:
-    """The bounds of the free space in a compiled world.
+    """Read the bounds of the free space in a compiled world.
 
     Args:
         model: the compiled world.
@@ -156,7 +158,7 @@ def bounds_of(model: mujoco.MjModel) -> FloatArray:
         (4,) x_min, y_min, x_max, y_max in map, m.
 
     Raises:
-        ValueError: if the arena gives none.
+        ValueError: the arena has no bounds.
     """
     index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, "bounds")
     if index < 0:
@@ -166,7 +168,7 @@ def bounds_of(model: mujoco.MjModel) -> FloatArray:
 
 
 def bounds_of_spec(world: mujoco.MjSpec) -> FloatArray:
-    """The bounds of the free space in a world that is not compiled yet.
+    """Read the bounds of the free space in a world that is not compiled yet.
 
     Args:
         world: the specification.
@@ -175,7 +177,7 @@ def bounds_of_spec(world: mujoco.MjSpec) -> FloatArray:
         (4,) x_min, y_min, x_max, y_max in map, m.
 
     Raises:
-        ValueError: if the arena gives none.
+        ValueError: the arena has no bounds.
     """
     numeric = world.numeric("bounds")
     return _checked_bounds(np.zeros(0) if numeric is None else np.array(list(numeric.data)))
@@ -188,19 +190,19 @@ def _checked_bounds(numbers: FloatArray) -> FloatArray:
 
 
 def _named(path: Path, error: Exception) -> ValueError:
-    """The error in one line that begins with the arena's file."""
+    """Make an error in one line that begins with the arena's file."""
     return ValueError(f"{path.name}: {' '.join(str(error).split())}")
 
 
 def overlaps(model: mujoco.MjModel, start: Sequence[float] | FloatArray) -> list[tuple[str, str]]:
-    """Pairs of geoms, one of them loose or moving, that overlap at the start.
+    """List pairs of geoms that overlap at the start, if one of them is loose or moving.
 
     Args:
         model: the compiled world.
         start: (3,) x, y, yaw of base_link in map, m, m, rad.
 
     Returns:
-        The names of both geoms of each pair; the vehicle's geoms are called "the robot".
+        The names of both geoms of each pair; "the robot" for the vehicle's geoms.
     """
     data = mujoco.MjData(model)
     base = model.body("base_link")
@@ -221,8 +223,8 @@ def overlaps(model: mujoco.MjModel, start: Sequence[float] | FloatArray) -> list
 
 
 def _with_vehicle(path: Path) -> mujoco.MjSpec:
-    """The arena and the vehicle in one world."""
-    # Includes, because MuJoCo warns of attaching without a prefix.
+    """Load the arena and the vehicle in one world."""
+    # The files are included, because MuJoCo warns if a model is attached without a prefix.
     models = models_dir()
     files = (path.resolve(), models / "tracked_ugv.xml")
     includes = "".join(f"<include file={quoteattr(str(file))}/>" for file in files)
@@ -230,16 +232,16 @@ def _with_vehicle(path: Path) -> mujoco.MjSpec:
     meshes = {f"assets/{file.name}": file.read_bytes() for file in assets}
     world = mujoco.MjSpec.from_string(f"<mujoco>{includes}</mujoco>", assets=meshes)
     world.modelname, world.modelfiledir = path.stem, str(path.resolve().parent)
-    # Plane and light are there so that the vehicle's own file can be opened alone.
+    # The vehicle's file has a plane and a light of its own, so that it can be opened alone.
     world.delete(world.geom("ground"))
     world.delete(world.light("ground_light"))
-    # The keyframe holds the vehicle's joints only, not those of loose things.
+    # The keyframe holds only the vehicle's joints, not those of loose bodies.
     world.delete(world.key("home"))
     return world
 
 
 def _resize(world: mujoco.MjSpec, bounds: FloatArray) -> None:
-    """Gives the floor other bounds (4,), and moves the overview camera so that it sees them."""
+    """Give the floor other bounds (4,), and move the overview camera so that it shows them."""
     middle, half = 0.5 * (bounds[:2] + bounds[2:]), 0.5 * (bounds[2:] - bounds[:2])
     world.numeric("bounds").data = bounds
     floor = world.geom("floor")
@@ -252,11 +254,11 @@ def _resize(world: mujoco.MjSpec, bounds: FloatArray) -> None:
 
 
 def add_payload(world: mujoco.MjSpec, payload: PayloadConfig) -> None:
-    """Adds a load to the chassis: a small, dense body that is not seen and touches nothing.
+    """Add a load to the chassis: a small, dense body that is invisible and touches nothing.
 
     Args:
         world: the specification with the vehicle.
-        payload: mass and place; a mass of 0 adds nothing.
+        payload: mass and position; a mass of 0 adds nothing.
     """
     if payload.mass_kg > 0.0:
         load = world.body("base_link").add_body(name="payload", pos=list(payload.position_m))
@@ -265,7 +267,7 @@ def add_payload(world: mujoco.MjSpec, payload: PayloadConfig) -> None:
 
 
 def _check_arena(world: mujoco.MjSpec) -> None:
-    """Raises ValueError for what LiDAR, contacts and floor plan would disagree on."""
+    """Raise ValueError for geoms that LiDAR, contacts and floor plan would treat differently."""
     vehicle = world.body("base_link")
     joints = {joint.name for joint in vehicle.find_all("joint")}
     geoms = {geom.name for geom in vehicle.find_all("geom")}
@@ -273,7 +275,7 @@ def _check_arena(world: mujoco.MjSpec) -> None:
         if joint.name not in joints:
             _check_loose(joint)
     if any(body.mocap for body in world.bodies):
-        raise ValueError("an arena has no mocap bodies: what moves belongs in [[movers]]")
+        raise ValueError("an arena must not have mocap bodies: use [[movers]]")
     if world.geom("floor") is None:
         raise ValueError("the arena has no geom named 'floor'")
     for geom in world.geoms:
@@ -286,19 +288,19 @@ def _check_arena(world: mujoco.MjSpec) -> None:
 
 
 def _check_loose(joint: mujoco.MjsJoint) -> None:
-    """Raises ValueError for joints other than the free joints of bodies that are named as loose."""
+    """Raise ValueError for joints other than the free joints of bodies that are named as loose."""
     body = joint.parent
     names = [body.name, *(geom.name for geom in body.geoms)]
     free = joint.type == mujoco.mjtJoint.mjJNT_FREE
     if not free or not all(name.startswith(("loose_", "obstacle_")) for name in names):
         raise ValueError(
-            f"an arena must stand still, but this one has a joint ({joint.name or 'no name'}): "
+            f"an arena must be static, but this one has a joint ({joint.name or 'no name'}): "
             "only bodies on free joints may move; name them and their geoms loose_* or obstacle_*"
         )
 
 
 def _set_options(world: mujoco.MjSpec, timestep_s: float) -> None:
-    """Solver options for few, frictionless contacts and eight degrees of freedom."""
+    """Set the solver options for few, frictionless contacts and eight degrees of freedom."""
     option = world.option
     option.timestep = timestep_s
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST

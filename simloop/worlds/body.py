@@ -1,6 +1,7 @@
-"""The robot's true outline; ``config.vehicle`` is what the robot believes of it.
+"""The robot's true outline. ``config.vehicle`` is what the robot believes about it.
 
-Scenario files are read without MuJoCo, so ``vehicle_body`` reads the outline from the model.
+Scenario files are read without MuJoCo, so this module does not load the model: ``vehicle_body``
+reads the outline from it.
 """
 
 from __future__ import annotations
@@ -15,27 +16,27 @@ _RADIUS_STEP_M = 0.01
 
 
 class Outline(Protocol):
-    """A rectangle centred on base_link, its length along x."""
+    """A rectangle centred on base_link, with its length along x."""
 
     @property
     def length_m(self) -> float:
-        """Over all, m."""
+        """Overall length, m."""
         ...
 
     @property
     def width_m(self) -> float:
-        """Over all, m."""
+        """Overall width, m."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """What the robot truly is, for everything that judges or draws: never for the robot itself.
+    """The robot's true size, for evaluation and drawings. The robot itself never sees it.
 
     Attributes:
-        length_m: of the rectangle centred on base_link that holds all collision geoms, m.
-        width_m: of the same rectangle, m.
-        lidar_height_m: of the LiDAR's plane over the ground, m.
+        length_m: length of the rectangle centred on base_link that holds all collision geoms, m.
+        width_m: width of the same rectangle, m.
+        lidar_height_m: height of the LiDAR's plane over the ground, m.
     """
 
     length_m: float
@@ -44,12 +45,12 @@ class Body:
 
     @property
     def footprint_radius_m(self) -> float:
-        """Radius of three equal discs in a row that cover the outline, up to a whole cm, m."""
+        """Radius of three equal discs in a row that cover the outline, rounded up to 1 cm, m."""
         exact = math.hypot(0.5 * self.length_m / _DISCS, 0.5 * self.width_m)
-        # The rounding first keeps a radius of exactly 0.25 m from becoming 0.26 m.
+        # Without the first rounding, a radius of exactly 0.25 m would become 0.26 m.
         return math.ceil(round(exact / _RADIUS_STEP_M, _DECIMALS)) / round(1.0 / _RADIUS_STEP_M)
 
     @property
     def turning_radius_m(self) -> float:
-        """From base_link to the corners: what it needs to turn on the spot, m."""
+        """Distance from base_link to the corners: the room to turn on the spot, m."""
         return math.hypot(0.5 * self.length_m, 0.5 * self.width_m)

@@ -1,4 +1,4 @@
-"""Outlines of MuJoCo geoms at the heights of the robot: the true floor plan of a world."""
+"""Compute the true floor plan of a world: outlines of MuJoCo geoms at the robot's heights."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from simloop.worlds.floor_plan import BAND_M, FloorPlan, Section, rasterise
 from simloop.worlds.obstacles import ellipse_outline
 from simloop.worlds.solids import Solid, solid_of_model, solids_of_spec
 
-_UPRIGHT = 1.0 - 1e-9
+_UPRIGHT = 1.0 - 1e-9  # an axis with a larger vertical component is upright
 _ROUND = 64
-"""Points around a tilted round shape: its outline is then right to about 0.1 % of its radius."""
+"""Points around a tilted round shape. Its outline then has an error of 0.1 % of its radius."""
 
 
 def floor_plan(
@@ -24,21 +24,21 @@ def floor_plan(
     resolution_m: float = 0.02,
     band_m: tuple[float, float] = BAND_M,
 ) -> FloorPlan:
-    """The true floor plan of a compiled world: all static geoms except planes and the ground.
+    """Compute the floor plan of a compiled world: all static geoms except planes and the ground.
 
-    Shapes are exact where they can be (see ``section_of``). Geoms named ``ground_*`` are driven
-    over and left out.
+    Shapes are exact where they can be (see ``section_of``). Geoms named ``ground_*`` are left out,
+    because the robot can drive over them.
 
     Args:
         model: the compiled world.
-        resolution_m: of the raster of distances, m.
+        resolution_m: cell size of the distance raster, m.
         band_m: the lowest and highest height, m, at which a geom counts.
 
     Returns:
         The floor plan over the arena's bounds.
 
     Raises:
-        ValueError: for a height field that is not ground, or an arena without bounds.
+        ValueError: a height field is not ground, or the arena has no bounds.
     """
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -57,13 +57,13 @@ def floor_plan(
 def sections_of_spec(
     world: mujoco.MjSpec, *, loose: bool, band_m: tuple[float, float] = BAND_M
 ) -> list[Section]:
-    """The outlines of what stands in a world that is not compiled yet.
+    """Compute the outlines of the obstacles in a world that is not compiled yet.
 
     They equal those of ``floor_plan`` up to rounding.
 
     Args:
         world: the specification, with or without the vehicle, which is left out.
-        loose: whether loose things are included, where they are placed at first.
+        loose: whether to include loose bodies, at their initial places.
         band_m: the lowest and highest height, m, at which a geom counts.
 
     Returns:
@@ -79,21 +79,21 @@ def _is_ground(name: str) -> bool:
 
 
 def section_of(solid: Solid, band_m: tuple[float, float] = BAND_M) -> Section | None:
-    """The outline of one solid within a band of heights.
+    """Compute the outline of one solid within a band of heights.
 
-    Exact for boxes, meshes (their convex hull) and spheres in any pose, for upright cylinders,
-    and for capsules that stand or lie; upright ellipsoids are right to 0.1 mm, all else to about
-    0.1 % of its radius.
+    The outline is exact for boxes, meshes (their convex hull) and spheres in any pose, for upright
+    cylinders, and for capsules that stand or lie. Upright ellipsoids have an error of 0.1 mm, and
+    all other shapes one of about 0.1 % of their radius.
 
     Args:
-        solid: in the world frame.
+        solid: the solid in the world frame.
         band_m: the lowest and highest height, m.
 
     Returns:
         The outline in map, or None if the solid does not reach the band.
 
     Raises:
-        ValueError: for a type of geom that has no outline.
+        ValueError: the geom's type has no outline.
     """
     name, position, rotation, size = solid.name, solid.position_m, solid.rotation, solid.size_m
     axis = rotation[:, 2]
@@ -113,27 +113,27 @@ def section_of(solid: Solid, band_m: tuple[float, float] = BAND_M) -> Section | 
 
 
 def _upright_ellipsoid(solid: Solid, band_m: tuple[float, float]) -> Section | None:
-    """Its widest ellipse within the band."""
+    """Compute the widest ellipse of an upright ellipsoid within the band."""
     position, rotation, size = solid.position_m, solid.rotation, solid.size_m
     rise = (np.clip(position[2], *band_m) - position[2]) / size[2]
     if abs(rise) >= 1.0:
         return None
     outline = ellipse_outline(size[0], size[1]) * math.sqrt(1.0 - rise**2)
     turned = outline @ rotation[:2, :2].T
-    # Upside down, the rotation is also a reflection: it makes the outline run clockwise.
+    # If the ellipsoid is upside down, the rotation also mirrors the outline: it runs clockwise.
     upwards = rotation[2, 2] > 0.0
     return Section(solid.name, (turned if upwards else turned[::-1]) + position[:2])
 
 
 def _gap(height: float, half: float, band_m: tuple[float, float]) -> float:
-    """Vertical distance from a range of heights to the band, m; negative if they overlap."""
+    """Compute the vertical distance of a height range to the band, m; negative if they overlap."""
     return float(max(band_m[0] - (height + half), (height - half) - band_m[1]))
 
 
 def _swept_ball(
     name: str, centre: FloatArray, half: FloatArray, radius: float, band_m: tuple[float, float]
 ) -> Section | None:
-    """The widest circle, or stadium, within the band, of a ball swept along centre +- half.
+    """Compute the widest circle or stadium within the band of a ball swept along centre +- half.
 
     The axis is upright or level.
     """
@@ -146,7 +146,7 @@ def _swept_ball(
 
 
 def _hull_points(solid: Solid) -> FloatArray:
-    """(N, 3) points in the geom's frame whose convex hull is the solid."""
+    """Compute points (N, 3) in the geom's frame whose convex hull is the solid."""
     kind, size = solid.kind, solid.size_m
     corners = np.stack(np.meshgrid(*3 * [[-1.0, 1.0]]), axis=-1).reshape(-1, 3)
     around = 2.0 * math.pi * np.arange(_ROUND) / _ROUND
@@ -169,14 +169,13 @@ def _hull_points(solid: Solid) -> FloatArray:
 
 
 def _hull_in_band(points: FloatArray, band_m: tuple[float, float]) -> FloatArray | None:
-    """(V, 2) counter-clockwise: the convex hull of points (N, 3), cut to the band, from above."""
+    """Cut the convex hull of points (N, 3) to the band; from above, (V, 2) counter-clockwise."""
     hull = ConvexHull(points)
     pairs = np.concatenate(
         [hull.simplices[:, [0, 1]], hull.simplices[:, [1, 2]], hull.simplices[:, [2, 0]]]
     )
     start, end = points[pairs[:, 0]], points[pairs[:, 1]]
-    # The cut is spanned by the vertices within the band and by the points where edges cross its
-    # two planes.
+    # The vertices within the band, and the points where edges cross its two planes, span the cut.
     kept = [points[(points[:, 2] >= band_m[0]) & (points[:, 2] <= band_m[1])]]
     for level in band_m:
         crossing = (start[:, 2] < level) != (end[:, 2] < level)
@@ -187,4 +186,4 @@ def _hull_in_band(points: FloatArray, band_m: tuple[float, float]) -> FloatArray
     try:
         return flat[ConvexHull(flat).vertices].copy()
     except (QhullError, ValueError):
-        return None  # it does not reach the band, or only touches it
+        return None  # the solid does not reach the band, or only touches it

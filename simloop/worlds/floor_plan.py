@@ -1,9 +1,9 @@
-"""The true floor plan of a world: exact distances to what stands at the robot's heights.
+"""The true floor plan of a world: exact distances to the obstacles at the robot's heights.
 
-It is ground truth for metrics and for drawing worlds that can be crossed; the robot's software
-never sees it. Everything static is cut to the convex outline that it has between two heights. An
-outline is a convex polygon grown by a radius: a disc is one vertex and a radius, a box is four
-vertices and no radius.
+It is ground truth for metrics and for the generators of worlds. The robot's software never sees
+it. Each static geom is represented by its convex outline between two heights. An outline is a
+convex polygon grown by a radius: a disc is one vertex and a radius, a box is four vertices and no
+radius.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from scipy import ndimage
 from simloop.messages import FloatArray
 
 BAND_M = (0.02, 0.25)
-"""Heights, m, at which something can touch the robot: above what its tracks drive over, and up to
-its mast."""
+"""Heights, m, at which something can touch the robot: from above what its tracks drive over to the
+top of its mast."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,9 +29,9 @@ class Section:
     """A convex outline on the floor: a polygon grown by a radius.
 
     Attributes:
-        name: of what has this outline.
+        name: name of the obstacle.
         vertices_m: (V, 2) x, y in map, m, counter-clockwise, read-only.
-        radius_m: by which the polygon is grown, m.
+        radius_m: radius by which the polygon is grown, m.
     """
 
     name: str
@@ -49,13 +49,13 @@ _Packed = tuple[FloatArray, NDArray[np.int64], FloatArray]
 class FloorPlan:
     """Signed distances to the nearest obstacle or wall, negative inside one.
 
-    Outside of obstacles the distances are exact; where obstacles overlap, the deepest one counts.
+    Outside of obstacles the distances are exact. Where obstacles overlap, the deepest one counts.
 
     Attributes:
         origin_m: (2,) lower left corner of cell (0, 0), x, y in map, m.
         resolution_m: size of a cell, m.
-        distance_m: (rows, cols) float32, [iy, ix], at the centres of the cells, m; inf if nothing
-            stands anywhere.
+        distance_m: (rows, cols) float32, [iy, ix], at the centres of the cells, m; inf if there
+            are no obstacles.
         bounds_m: (4,) x_min, y_min, x_max, y_max of the free space in map, m.
         sections: the outlines.
     """
@@ -73,19 +73,19 @@ class FloorPlan:
             array.setflags(write=False)
 
     def clearance_m(self, points_m: FloatArray) -> FloatArray:
-        """Exact signed distances to what stands, from the outlines and not from the raster.
+        """Compute exact signed distances to the obstacles, from outlines and not from the raster.
 
         Args:
             points_m: (N, 2) or (2,) x, y in map, m.
 
         Returns:
-            (N,) distances, m, negative inside; inf if nothing stands.
+            (N,) distances, m, negative inside; inf if there are no obstacles.
         """
         points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
         return _distances(points, *self._outlines)
 
     def contains(self, point_m: Sequence[float] | FloatArray) -> bool:
-        """Whether a point lies within the bounds.
+        """Tell whether a point is within the bounds.
 
         Args:
             point_m: (2,) x, y in map, m.
@@ -101,7 +101,7 @@ class FloorPlan:
 def rasterise(
     sections: Sequence[Section], bounds_m: Sequence[float] | FloatArray, resolution_m: float = 0.02
 ) -> FloorPlan:
-    """The floor plan of convex outlines.
+    """Make the floor plan of convex outlines.
 
     Args:
         sections: the outlines.
@@ -112,7 +112,7 @@ def rasterise(
         The floor plan.
 
     Raises:
-        ValueError: for bounds without an area.
+        ValueError: the bounds have no area.
     """
     bounds = np.array(bounds_m, dtype=np.float64)
     span = bounds[2:] - bounds[:2]
@@ -131,7 +131,7 @@ def rasterise(
 
 
 def _packed(sections: Sequence[Section]) -> _Packed:
-    """All vertices in one array (sum V, 2), where each section starts (S + 1,), radii (S,)."""
+    """Pack all vertices (sum V, 2), the start of each section (S + 1,), and the radii (S,)."""
     outlines = [section.vertices_m for section in sections]
     starts = np.cumsum([0, *(len(outline) for outline in outlines)], dtype=np.int64)
     vertices = np.concatenate(outlines) if outlines else np.zeros((0, 2))
@@ -142,7 +142,7 @@ def _packed(sections: Sequence[Section]) -> _Packed:
 def _distances(
     points: FloatArray, vertices: FloatArray, starts: NDArray[np.int64], radii: FloatArray
 ) -> FloatArray:
-    """(N,) least signed distance of each point to any of the outlines. Arguments as ``_packed``."""
+    """Compute the least signed distance (N,) of each point to the outlines of ``_packed``."""
     out = np.full(len(points), np.inf)
     for n in range(len(points)):
         for s in range(len(radii)):
@@ -167,7 +167,7 @@ def _distances(
 
 
 def outline_edges(plan: FloorPlan) -> tuple[FloatArray, FloatArray]:
-    """All edges of all outlines.
+    """List all edges of all outlines.
 
     Args:
         plan: the floor plan.
@@ -187,7 +187,7 @@ def outline_edges(plan: FloorPlan) -> tuple[FloatArray, FloatArray]:
 def segment_distances(
     start_m: FloatArray, end_m: FloatArray, other_start_m: FloatArray, other_end_m: FloatArray
 ) -> FloatArray:
-    """Distances between two sets of segments.
+    """Compute the distances between two sets of segments.
 
     Args:
         start_m: (N, 2) starts of the first segments, m.
@@ -198,7 +198,7 @@ def segment_distances(
     Returns:
         (N, M) distances, m; 0 where two segments cross.
     """
-    # Unless two segments cross, one of the four ends is nearest to the other segment.
+    # If two segments do not cross, one of the four ends is nearest to the other segment.
     a, b = start_m[:, None], end_m[:, None]
     c, d = other_start_m[None], other_end_m[None]
     distance = np.minimum(
@@ -210,13 +210,13 @@ def segment_distances(
 
 
 def _side(a: FloatArray, b: FloatArray, point: FloatArray) -> FloatArray:
-    """Positive where the point lies to the left of a -> b."""
+    """Compute a number that is positive where the point is to the left of a -> b."""
     ab, ap = b - a, point - a
     return ab[..., 0] * ap[..., 1] - ab[..., 1] * ap[..., 0]
 
 
 def _point_to_segment(point: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
-    """Distances of points (..., 2) to segments from a to b (..., 2)."""
+    """Compute the distances of points (..., 2) to segments from a to b (..., 2)."""
     ab, ap = b - a, point - a
     length2 = np.sum(ab * ab, axis=-1)
     share = np.sum(ap * ab, axis=-1) / np.where(length2 > 0.0, length2, 1.0)
@@ -225,15 +225,15 @@ def _point_to_segment(point: FloatArray, a: FloatArray, b: FloatArray) -> FloatA
 
 
 def is_blocked(plan: FloorPlan, start: FloatArray, goal: FloatArray) -> bool:
-    """Whether something stands on the straight line from start to goal.
+    """Tell whether an obstacle is on the straight line from start to goal.
 
     Args:
-        plan: what stands.
+        plan: the floor plan.
         start: (2,) x, y in map, m.
         goal: (2,) x, y in map, m.
 
     Returns:
-        True if a point of the line, taken every centimetre, is inside an obstacle.
+        True if one of the line's points, one every centimetre, is inside an obstacle.
     """
     steps = max(2, math.ceil(math.dist(start, goal) / 0.01))
     share = np.linspace(0.0, 1.0, steps)[:, None]
@@ -241,18 +241,18 @@ def is_blocked(plan: FloorPlan, start: FloatArray, goal: FloatArray) -> bool:
 
 
 def is_passable(plan: FloorPlan, start: FloatArray, goal: FloatArray, radius_m: float) -> bool:
-    """Whether a disc can get from start to goal within the plan's bounds.
+    """Tell whether a disc can move from start to goal within the plan's bounds.
 
-    The search is on the raster with a disc grown by half a cell, so that True is always right.
+    The search is on the raster, with the disc grown by half a cell. So True is always right.
 
     Args:
-        plan: what stands.
+        plan: the floor plan.
         start: (2,) x, y in map, m.
         goal: (2,) x, y in map, m.
-        radius_m: of the disc, m.
+        radius_m: radius of the disc, m.
 
     Returns:
-        False if there is no way, or one too narrow for the raster.
+        False if there is no passage, or only one too narrow for the raster.
     """
     rows, columns = plan.distance_m.shape
     x = plan.origin_m[0] + (np.arange(columns) + 0.5) * plan.resolution_m
@@ -270,7 +270,7 @@ def is_passable(plan: FloorPlan, start: FloatArray, goal: FloatArray, radius_m: 
 
 
 def distance_to_bounds(points: FloatArray, bounds: FloatArray) -> FloatArray:
-    """Distances of points to the nearest side of the bounds.
+    """Compute the distances of points to the nearest side of the bounds.
 
     Args:
         points: (..., 2) x, y, m.

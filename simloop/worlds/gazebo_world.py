@@ -1,7 +1,7 @@
-"""Reads Gazebo worlds (SDF): upright cylinders and boxes, at the places that their poses give.
+"""Read Gazebo worlds (SDF) of upright cylinders and boxes.
 
 Only the collision shapes of models are read. The poses of model, link and collision are nested.
-Meshes, includes and other shapes are refused with the model's name.
+Meshes, includes and other shapes raise an error that names the model.
 """
 
 from __future__ import annotations
@@ -20,29 +20,29 @@ from simloop.worlds.layout import Bounds, Layout
 from simloop.worlds.obstacles import Obstacle, ShapeName
 
 _MOST_BYTES = 50_000_000
-_ROOM_M = 2.0  # of free floor around all that stands
-_TILT_RAD = 1e-3
+_ROOM_M = 2.0  # free floor around all obstacles
+_TILT_RAD = 1e-3  # largest roll or pitch of an upright model
 _FLAT = ("plane",)
 
 
 def read_sdf(file: Path, bounds: Bounds | None = None) -> Layout:
-    """Reads a world from an SDF file.
+    """Read a world from an SDF file.
 
     Args:
         file: the SDF file.
-        bounds: x_min, y_min, x_max, y_max of the floor, m; unless given, 2 m around everything.
+        bounds: x_min, y_min, x_max, y_max of the floor, m; None: 2 m around all obstacles.
 
     Returns:
         The bounds and the obstacles.
 
     Raises:
-        InputError: in one line, for a file that is no SDF or holds what is not supported.
+        InputError: the file is not SDF, or has unsupported content. The text has one line.
     """
     obstacles = tuple(_things(file, _parse(file)))
     if bounds is None:
         outlines = [s for one in obstacles for s in one.sections()]
         if not outlines:
-            raise InputError(f"{file}: nothing stands in this world; give bounds_m")
+            raise InputError(f"{file}: the world has no obstacles; give bounds_m")
         low = np.min([s.vertices_m.min(axis=0) - s.radius_m for s in outlines], axis=0) - _ROOM_M
         high = np.max([s.vertices_m.max(axis=0) + s.radius_m for s in outlines], axis=0) + _ROOM_M
         bounds = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
@@ -50,13 +50,13 @@ def read_sdf(file: Path, bounds: Bounds | None = None) -> Layout:
 
 
 def _parse(file: Path) -> Xml.Element:
-    """The root of an SDF file that is small and defines no entities, which could expand it."""
+    """Parse an SDF file that is small and defines no entities, which could expand it."""
     try:
         data = file.read_bytes()
     except OSError as error:
         raise InputError(f"{file}: {error.strerror}") from None
     if len(data) > _MOST_BYTES or b"<!ENTITY" in data or b"<!DOCTYPE" in data:
-        raise InputError(f"{file}: too large, or defines entities of its own")
+        raise InputError(f"{file}: too large, or defines its own entities")
     try:
         root = Xml.fromstring(data)
     except (Xml.ParseError, ValueError, LookupError) as error:
@@ -95,7 +95,7 @@ def _included(name: str, include: Xml.Element) -> InputError:
 
 
 def _pose(name: str, element: Xml.Element) -> FloatArray:
-    """(3,) x, y, yaw of an element's own pose; its height is not used: all stands on the floor."""
+    """Read an element's own pose (3,) x, y, yaw. Its height is not used: all is on the floor."""
     pose = element.find("pose")
     if pose is None:
         return np.zeros(3)
@@ -108,7 +108,7 @@ def _pose(name: str, element: Xml.Element) -> FloatArray:
 
 
 def _shape(name: str, collision: Xml.Element, at: FloatArray) -> Obstacle | None:
-    """The obstacle of a collision whose pose is ``at`` (3,); None for the floor."""
+    """Read the obstacle of a collision with the pose ``at`` (3,); None for the floor."""
     geometry = collision.find("geometry")
     kinds = [] if geometry is None else [child for child in geometry if child.tag != "empty"]
     if not kinds:

@@ -1,4 +1,4 @@
-"""The description of a world: all that stands, lies loose and moves in it, before it is built."""
+"""The description of a world before it is built: obstacles, ground, loose bodies and movers."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from simloop.worlds.terrain import Loose, Terrain
 
 Bounds = tuple[float, float, float, float]
 WALL_M = 0.2
-"""Thickness of a wall: the LiDAR sees both faces, and they must not fall into neighbouring cells
+"""Thickness of a wall. The LiDAR sees both faces, and they must not fall into neighbouring cells
 of the robot's map."""
 HEIGHT_M = 0.45
 OPEN_GROUND = "field"
@@ -18,15 +18,15 @@ OPEN_GROUND = "field"
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """A whole world apart from the vehicle.
+    """A whole world without the vehicle.
 
     Attributes:
         bounds_m: x_min, y_min, x_max, y_max of the free space in map; None: the arena's own.
-        obstacles: what is added to the arena's own obstacles.
-        arena: the name or file of the MJCF arena that all else is added to.
+        obstacles: obstacles in addition to the arena's own.
+        arena: name or file of the MJCF arena to which the rest is added.
         terrain: ground that is not flat.
-        loose: things that may be pushed.
-        movers: what moves by itself.
+        loose: movable bodies.
+        movers: things that move by themselves.
     """
 
     bounds_m: Bounds | None = None
@@ -38,27 +38,27 @@ class Layout:
 
 
 def box(x0: float, y0: float, x1: float, y1: float, height_m: float = HEIGHT_M) -> Obstacle:
-    """A box obstacle between two corners.
+    """Make a box obstacle between two corners.
 
     Args:
         x0: least x in map, m.
         y0: least y, m.
         x1: greatest x, m.
         y1: greatest y, m.
-        height_m: of the box, m.
+        height_m: height of the box, m.
 
     Returns:
-        The obstacle, standing on the floor.
+        The obstacle. It stands on the floor.
     """
     middle = (0.5 * (x0 + x1), 0.5 * (y0 + y1))
     return Obstacle("box", middle, (x1 - x0, y1 - y0), 0.0, height_m)
 
 
 def walls_about(bounds: Bounds, wall_m: float = WALL_M) -> list[Obstacle]:
-    """Four walls around a floor.
+    """Make four walls around a floor.
 
     Args:
-        bounds: x_min, y_min, x_max, y_max, m: where the inner faces of the walls are.
+        bounds: x_min, y_min, x_max, y_max of the walls' inner faces, m.
         wall_m: thickness of the walls, m.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Reads a map_server map (YAML and PGM) as a world: its occupied cells become boxes."""
+"""Read a map_server map (YAML and PGM) as a world. Its occupied cells become boxes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _MOST_BOXES = 5000
 
 
 def read_map_world(yaml_file: Path) -> Layout:
-    """Reads a world from a map: boxes cover its occupied cells exactly, unknown cells are free.
+    """Read a world from a map. Boxes cover exactly its occupied cells; unknown cells are free.
 
     Args:
         yaml_file: the map's YAML file.
@@ -24,7 +24,7 @@ def read_map_world(yaml_file: Path) -> Layout:
         The map's bounds and the boxes.
 
     Raises:
-        InputError: in one line, for a file that is no map, or needs too many boxes.
+        InputError: the file is not a map, or needs too many boxes. The text has one line.
     """
     step, origin, odds = read_cells(yaml_file)
     rows, columns = odds.shape
@@ -43,15 +43,16 @@ def read_map_world(yaml_file: Path) -> Layout:
 
 
 def tile_rectangles(filled: NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:
-    """Covers the filled cells of a grid by rectangles that do not overlap.
+    """Cover the filled cells of a grid with rectangles that do not overlap.
 
-    Greedy: each rectangle is as wide as its first row allows, then as high as possible.
+    The method is greedy: each rectangle is as wide as its first row allows, then as high as
+    possible.
 
     Args:
         filled: (rows, cols) which cells are filled.
 
     Returns:
-        Row, column, row beyond and column beyond of each rectangle.
+        Row, column, row after the end and column after the end of each rectangle.
     """
     left = filled.copy()
     found = []

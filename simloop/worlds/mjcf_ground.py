@@ -1,7 +1,7 @@
-"""Adds terrain, loose things and movers to a world before it is compiled.
+"""Add terrain, loose bodies and movers to a world before it is compiled.
 
 Geoms named ``ground_*`` are ground: touching them is no contact, and they are not on the floor
-plan. A ramp or step is ground if the vehicle's tracks can climb it by theory, else an obstacle.
+plan. A ramp or step is ground if the vehicle can climb it in theory, else it is an obstacle.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from simloop.worlds.terrain import HeightField, Loose, Ramp, Step, Terrain
 
 _HULL_AND_WHEELS = 3
 _BELLY_M = 0.02
-"""Height of the hull's lower edge: lower ground meets the wheels only."""
+"""Height of the hull's lower edge. Lower ground touches only the wheels."""
 _BASE_M = 0.1
 _MOVER_RGBA = (0.80, 0.32, 0.24, 1.0)
 
 
 def add_terrain(world: mujoco.MjSpec, terrain: Terrain, friction: float) -> None:
-    """Adds ramps, steps and the height field.
+    """Add ramps, steps and the height field.
 
     Args:
         world: the specification, with the vehicle in it.
-        terrain: what to add.
-        friction: of the tracks; what they cannot climb is named ``obstacle_*``.
+        terrain: the terrain to add.
+        friction: coefficient of the tracks; what they cannot climb is named ``obstacle_*``.
 
     Raises:
-        ValueError: for an image that cannot be read.
+        ValueError: an image cannot be read.
     """
     for number, ramp in enumerate(terrain.ramps, start=1):
         climbed = math.atan2(ramp.height_m, ramp.up_m) < climbing_angle_of(friction)
@@ -48,7 +48,7 @@ def add_terrain(world: mujoco.MjSpec, terrain: Terrain, friction: float) -> None
 
 
 def climbing_angle_of(friction: float) -> float:
-    """The steepest ramp that the tracks climb, by friction alone.
+    """Compute the steepest ramp that the tracks climb, if friction is the only limit.
 
     Args:
         friction: coefficient between tracks and ground.
@@ -60,7 +60,7 @@ def climbing_angle_of(friction: float) -> float:
 
 
 def climbable_height(world: mujoco.MjSpec, friction: float) -> float:
-    """The highest step that the vehicle climbs, by plane statics (``track_theory``).
+    """Compute the highest step that the vehicle climbs, by plane statics (``track_theory``).
 
     Args:
         world: the specification, with the vehicle in it.
@@ -79,16 +79,16 @@ def climbable_height(world: mujoco.MjSpec, friction: float) -> float:
 
 
 def heights_of(field: HeightField) -> FloatArray:
-    """The heights of a field of rough ground, read from its image or drawn from its seed.
+    """Compute the heights of a field of rough ground, from its image or from its seed.
 
     Args:
-        field: what the scenario says of it.
+        field: the field's settings.
 
     Returns:
         (rows, columns) heights over the floor, m, 0 or more; row 0 at the smallest y.
 
     Raises:
-        ValueError: for an image that cannot be read.
+        ValueError: the image cannot be read.
     """
     rows, columns = field.shape()
     if field.image is not None:
@@ -99,8 +99,8 @@ def heights_of(field: HeightField) -> FloatArray:
             field.height_m
         )
     assert field.rms_m is not None
-    # White noise smoothed by a Gaussian of width s has the correlation exp(-d^2 / 4 s^2), which is
-    # 1/e at d = 2 s.
+    # White noise smoothed with a Gaussian of width s has the correlation exp(-d^2 / 4 s^2), which
+    # is 1/e at d = 2 s.
     width = 0.5 * field.correlation_m / field.cell_m
     edge = math.ceil(4.0 * width)
     noise = np.random.default_rng(field.seed).standard_normal((rows + 2 * edge, columns + 2 * edge))
@@ -111,7 +111,7 @@ def heights_of(field: HeightField) -> FloatArray:
 
 
 def _rim(rows: int, columns: int, width: float) -> FloatArray:
-    """(rows, columns) weights that rise smoothly from 0 at the edge to 1 at ``width`` cells."""
+    """Compute weights (rows, columns) that rise from 0 at the edge to 1 at ``width`` cells."""
     along = [np.minimum(np.arange(n), np.arange(n)[::-1]) for n in (rows, columns)]
     distance = np.minimum(along[0][:, None], along[1][None, :])
     share = np.clip(distance / max(width, 1.0), 0.0, 1.0)
@@ -119,11 +119,11 @@ def _rim(rows: int, columns: int, width: float) -> FloatArray:
 
 
 def add_loose(world: mujoco.MjSpec, things: Sequence[Loose]) -> None:
-    """Adds loose things, each as a body on a free joint, named ``loose_*`` if it may be pushed.
+    """Add loose bodies on free joints. They are named ``loose_*`` if the robot may push them.
 
     Args:
         world: the specification.
-        things: what to add.
+        things: the loose bodies to add.
     """
     for number, thing in enumerate(things, start=1):
         name = f"{'loose' if thing.pushable else 'obstacle_loose'}_{number:02d}"
@@ -140,12 +140,12 @@ def add_loose(world: mujoco.MjSpec, things: Sequence[Loose]) -> None:
         else:
             geom.type = mujoco.mjtGeom.mjGEOM_CYLINDER
             geom.size = [0.5 * thing.size_m[0], half, 0.0]
-        # Without priority MuJoCo takes the larger of two frictions, which may be the floor's.
+        # Without priority, MuJoCo uses the larger of two frictions, which may be the floor's.
         geom.priority = 1
 
 
 def _turn(yaw_rad: float) -> list[float]:
-    """The quaternion of a rotation about z."""
+    """Compute the quaternion of a rotation about z."""
     return [math.cos(0.5 * yaw_rad), 0.0, 0.0, math.sin(0.5 * yaw_rad)]
 
 
@@ -154,7 +154,7 @@ def _add_ramp(world: mujoco.MjSpec, ramp: Ramp, name: str) -> None:
     profile = [(0.0, 0.0), (ramp.up_m, ramp.height_m), (ends, ramp.height_m)]
     profile += [(ends + ramp.down_m, 0.0)]
     sides = (-0.5 * ramp.width_m, 0.5 * ramp.width_m)
-    # With a base below the floor, the foot is not thinner than a contact is deep.
+    # The base is below the floor. Otherwise the foot would be thinner than a contact is deep.
     corners = [(x, y, z) for y in sides for x, z in (*profile, (0.0, -_BASE_M), (ends, -_BASE_M))]
     mesh = world.add_mesh(name=name, uservert=np.unique(np.array(corners), axis=0).ravel().tolist())
     world.worldbody.add_geom(
@@ -206,11 +206,11 @@ def _add_field(world: mujoco.MjSpec, field: HeightField) -> None:
 
 
 def add_movers(world: mujoco.MjSpec, movers: Sequence[Mover]) -> None:
-    """Adds movers as upright cylinders on mocap bodies ``mover_01``, ``mover_02``, ...
+    """Add movers as upright cylinders on mocap bodies ``mover_01``, ``mover_02``, ...
 
     Args:
         world: the specification.
-        movers: what to add, in the order in which their places are set.
+        movers: the movers to add, in the order in which their places are set.
     """
     for number, mover in enumerate(movers, start=1):
         half = 0.5 * mover.height_m

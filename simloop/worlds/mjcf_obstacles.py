@@ -1,4 +1,4 @@
-"""Adds obstacles to a world before it is compiled."""
+"""Add obstacles to a world before it is compiled."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ _MATERIALS = ("oak", "teal", "brick", "mustard", "slate", "sage", "plum")
 
 
 def add_obstacles(world: mujoco.MjSpec, obstacles: Sequence[Obstacle], first: int = 1) -> None:
-    """Adds static geoms named ``obstacle_drawn_NN``, numbered in order.
+    """Add static geoms named ``obstacle_drawn_NN``, numbered in order.
 
     Args:
         world: the specification to add to.
-        obstacles: what to add.
-        first: the number of the first of them.
+        obstacles: the obstacles to add.
+        first: number of the first obstacle.
     """
     for number, obstacle in enumerate(obstacles, start=first):
         _add_obstacle(world, f"obstacle_drawn_{number:02d}", obstacle, number)
@@ -48,8 +48,8 @@ def _shape(world: mujoco.MjSpec, geom: mujoco.MjsGeom, part: Obstacle) -> None:
         geom.type = mujoco.mjtGeom.mjGEOM_BOX
         geom.size = [0.5 * part.size_m[0], 0.5 * part.size_m[1], half_height]
     else:
-        # An ellipse is a prism too: an ellipsoid would overhang, and the LiDAR would see a smaller
-        # outline than the hull meets.
+        # An ellipse is a prism too. An ellipsoid would overhang, and the LiDAR would see a smaller
+        # outline than the hull touches.
         section = Obstacle(
             part.shape, (0.0, 0.0), part.size_m, 0.0, part.height_m, part.vertices_m
         ).sections()[0]

@@ -1,4 +1,4 @@
-"""Obstacles that a scenario or a seed adds to an arena; independent of the physics engine."""
+"""Obstacles that a scenario or a seed adds to an arena. Independent of the physics engine."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ class Obstacle:
     Attributes:
         shape: box, cylinder, ellipse, ell (an L of two boxes) or polygon (convex).
         position_m: x, y of its centre in map, m.
-        size_m: over all, m: of a box or an ellipse length and width; of a cylinder its diameter; of
-            an ell length, width and thickness of its arms; of a polygon nothing. The length lies
-            along x before it is turned.
-        yaw_rad: by which it is turned, rad.
-        height_m: from its lower to its upper edge, m.
-        vertices_m: (V, 2) corners of a polygon about its own centre, m.
+        size_m: overall size, m: length and width of a box or an ellipse; diameter of a cylinder;
+            length, width and thickness of the arms of an ell; empty for a polygon. Without yaw the
+            length is along x.
+        yaw_rad: yaw, rad.
+        height_m: distance from its lower to its upper edge, m.
+        vertices_m: (V, 2) corners of a polygon relative to its centre, m.
         bottom_m: height of its lower edge over the floor, m.
     """
 
@@ -58,16 +58,16 @@ class Obstacle:
         if self.shape == "ell" and self.size_m[2] >= min(self.size_m[:2]):
             raise ValueError("an ell's thickness must be less than its length and width")
         if (self.shape == "polygon") != bool(self.vertices_m):
-            raise ValueError("vertices_m: a polygon needs them, and no other shape has them")
+            raise ValueError("vertices_m: required for a polygon, not allowed for any other shape")
         if self.shape == "polygon" and not _is_convex(np.array(self.vertices_m)):
             raise ValueError("vertices_m must be the corners of a convex polygon, in order")
         return self
 
     def parts(self) -> tuple[Obstacle, ...]:
-        """The convex pieces that make up the obstacle.
+        """Split the obstacle into convex parts.
 
         Returns:
-            Itself, or the two boxes of an L.
+            The obstacle itself, or the two boxes of an L.
         """
         if self.shape != "ell":
             return (self,)
@@ -81,13 +81,13 @@ class Obstacle:
         return replace(self, shape="box", position_m=tuple(where), size_m=(length, width))
 
     def sections(self, name: str = "obstacle") -> tuple[Section, ...]:
-        """Its outlines on the floor plan, exact but for ellipses, which are right to 0.1 mm.
+        """Compute its outlines on the floor plan: ellipses to 0.1 mm, all others exactly.
 
         Args:
-            name: of the sections.
+            name: name of the sections.
 
         Returns:
-            One section for each convex piece.
+            One section for each convex part.
         """
         return tuple(part._section(name) for part in self.parts())
 
@@ -104,13 +104,13 @@ class Obstacle:
         return Section(name, self._placed(outline))
 
     def _placed(self, local: FloatArray) -> FloatArray:
-        """(N, 2) points of the obstacle's own frame, in map."""
+        """Transform points (N, 2) from the obstacle's frame to map."""
         cos, sin = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
         return local @ np.array([[cos, sin], [-sin, cos]]) + np.array(self.position_m)
 
 
 def ellipse_outline(semi_x_m: float, semi_y_m: float, count: int = 96) -> FloatArray:
-    """A polygon that approximates an ellipse, as far outside of it as inside, within 0.03 %.
+    """Approximate an ellipse by a polygon, to 0.03 %, as far outside of it as inside.
 
     Args:
         semi_x_m: half axis along x, m.
@@ -126,7 +126,7 @@ def ellipse_outline(semi_x_m: float, semi_y_m: float, count: int = 96) -> FloatA
 
 
 def counter_clockwise(outline: FloatArray) -> FloatArray:
-    """An outline in counter-clockwise order.
+    """Put an outline into counter-clockwise order.
 
     Args:
         outline: (V, 2) vertices in either order.
@@ -140,7 +140,7 @@ def counter_clockwise(outline: FloatArray) -> FloatArray:
 
 
 def _is_convex(outline: FloatArray) -> bool:
-    """Whether an outline (V, 2) turns one way at all vertices, and once around in all."""
+    """Tell whether an outline (V, 2) turns in one direction only, and exactly once around."""
     if len(outline) < 3:
         return False
     edges = np.roll(outline, -1, axis=0) - outline

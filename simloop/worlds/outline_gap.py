@@ -1,4 +1,4 @@
-"""The gap between the robot's outline, a rectangle, and what stands on the floor."""
+"""Compute the gap between the robot's outline, a rectangle, and the obstacles."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ _BATCH = 64
 
 
 def least_clearance(floor: FloorPlan, poses: FloatArray, outline: Outline) -> float:
-    """The least gap between the outline and the floor plan's obstacles, over many poses.
+    """Compute the least gap between the outline and the floor plan's obstacles over many poses.
 
-    Exact between rectangle and convex outlines.
+    It is exact for a rectangle and convex outlines.
 
     Args:
-        floor: what stands.
+        floor: the floor plan.
         poses: (N, 3) x, y, yaw of base_link in map, m, m, rad.
         outline: the rectangle.
 
@@ -26,8 +26,8 @@ def least_clearance(floor: FloorPlan, poses: FloatArray, outline: Outline) -> fl
     """
     if not floor.sections or not len(poses):
         return float("inf")
-    # The gap is at least the centre's clearance less the half diagonal. Poses come in the order of
-    # this bound, and the exact search ends where the bound exceeds the best gap so far.
+    # The gap is at least the centre's clearance less the half diagonal. The poses are searched in
+    # the order of this bound, and the search ends where the bound exceeds the best gap so far.
     reach = 0.5 * float(np.hypot(outline.length_m, outline.width_m))
     lower = floor.clearance_m(poses[:, :2]) - reach
     order = np.argsort(lower, kind="stable")
@@ -41,10 +41,10 @@ def least_clearance(floor: FloorPlan, poses: FloatArray, outline: Outline) -> fl
 
 
 def clearances(floor: FloorPlan, poses: FloatArray, outline: Outline) -> FloatArray:
-    """The gap between the outline and the nearest obstacle, at each pose.
+    """Compute the gap between the outline and the nearest obstacle, at each pose.
 
     Args:
-        floor: what stands.
+        floor: the floor plan.
         poses: (N, 3) x, y, yaw of base_link in map, m, m, rad.
         outline: the rectangle.
 
@@ -52,12 +52,12 @@ def clearances(floor: FloorPlan, poses: FloatArray, outline: Outline) -> FloatAr
         (N,) gaps, m; 0 or less where outline and obstacle overlap.
     """
     corners = outline_corners(poses, outline)
-    # First the distances between all sides of the rectangle and all edges of the obstacles.
+    # First, the distances between all sides of the rectangle and all edges of the obstacles.
     sides_start, sides_end = corners.reshape(-1, 2), np.roll(corners, -1, axis=1).reshape(-1, 2)
     edges, swell = outline_edges(floor)
     apart = segment_distances(sides_start, sides_end, edges[:, 0], edges[:, 1]) - swell
     gap = apart.min(axis=1).reshape(len(poses), 4).min(axis=1)
-    # A corner inside an obstacle, or an obstacle wholly inside the outline, crosses no side.
+    # Sides do not cross if a corner is inside an obstacle or an obstacle inside the outline.
     depth = floor.clearance_m(corners.reshape(-1, 2)).reshape(len(poses), 4).min(axis=1)
     gap = np.minimum(gap, depth)
     inside = _inside(poses, edges[:, 0], outline)
@@ -65,7 +65,7 @@ def clearances(floor: FloorPlan, poses: FloatArray, outline: Outline) -> FloatAr
 
 
 def outline_corners(poses: FloatArray, outline: Outline) -> FloatArray:
-    """The corners of the outline at each pose.
+    """Compute the corners of the outline at each pose.
 
     Args:
         poses: (N, 3) x, y, yaw of base_link in map, m, m, rad.
@@ -83,7 +83,7 @@ def outline_corners(poses: FloatArray, outline: Outline) -> FloatArray:
 
 
 def _inside(poses: FloatArray, points: FloatArray, outline: Outline) -> FloatArray:
-    """(N,) whether any of points (M, 2) lies within the outline at each pose."""
+    """Tell at each pose (N,) whether any of points (M, 2) is within the outline."""
     cos, sin = np.cos(poses[:, 2, None]), np.sin(poses[:, 2, None])
     dx, dy = points[:, 0] - poses[:, 0, None], points[:, 1] - poses[:, 1, None]
     ahead, aside = np.abs(cos * dx + sin * dy), np.abs(cos * dy - sin * dx)

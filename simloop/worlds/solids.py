@@ -1,7 +1,7 @@
-"""Geoms as plain solids, read from a compiled model or from a specification before compilation.
+"""Read geoms as plain solids from a compiled model, or from a specification before compilation.
 
-Reading the specification tells what stands in an arena without compiling it, so that obstacles and
-movers can be drawn first and the world is compiled once.
+The specification shows which obstacles an arena has without compiling it. So obstacles and movers
+can be drawn first, and the world is compiled only once.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ class Solid(NamedTuple):
     """One geom with its pose.
 
     Attributes:
-        name: of the geom.
-        kind: its shape.
-        size_m: (3,) as MuJoCo defines it for the shape: radii or half lengths.
-        position_m: (3,) of its centre.
-        rotation: (3, 3) from the geom's frame to the frame of ``position_m``.
-        vertices_m: (V, 3) of a mesh in the geom's frame; (0, 3) for all other shapes.
+        name: name of the geom.
+        kind: shape of the geom.
+        size_m: (3,) size as MuJoCo defines it for the shape: radii or half lengths.
+        position_m: (3,) position of the centre.
+        rotation: (3, 3) rotation from the geom's frame to the frame of ``position_m``.
+        vertices_m: (V, 3) vertices of a mesh in the geom's frame; (0, 3) for all other shapes.
     """
 
     name: str
@@ -41,7 +41,7 @@ class Solid(NamedTuple):
     vertices_m: FloatArray
 
     def reach_m(self, direction: FloatArray) -> float:
-        """How far the solid extends from the origin along a direction (its support function).
+        """Compute how far the solid extends along a direction (its support function).
 
         Args:
             direction: (3,) unit vector in the frame of ``position_m``.
@@ -50,7 +50,7 @@ class Solid(NamedTuple):
             The greatest coordinate along ``direction``, m.
 
         Raises:
-            ValueError: for planes and height fields, which have no such limit here.
+            ValueError: the geom is a plane or a height field, which have no such limit here.
         """
         local, size = direction @ self.rotation, self.size_m
         if self.kind == mujoco.mjtGeom.mjGEOM_SPHERE:
@@ -71,7 +71,7 @@ class Solid(NamedTuple):
 
 
 def solid_of_model(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Solid:
-    """A geom of a compiled model, in the world frame.
+    """Read a geom of a compiled model, in the world frame.
 
     Args:
         model: the compiled model.
@@ -99,17 +99,17 @@ def solid_of_model(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Sol
 def solids_of_spec(
     spec: mujoco.MjSpec, root: mujoco.MjsBody, *, jointed: bool, skip: str = ""
 ) -> list[Solid]:
-    """The geoms that can be touched, of a body and of all bodies below it, before compilation.
+    """Read the collision geoms of a body and of all bodies below it, before compilation.
 
-    Planes and height fields are left out. Joints are at their zero. Meshes from files, and shapes
-    that MuJoCo fits to a mesh, cannot be read from the specification: a copy of it with nothing but
-    these geoms is compiled for them.
+    Planes and height fields are left out. Joints are at zero. Meshes from files, and shapes that
+    MuJoCo fits to a mesh, cannot be read from the specification. For them, a copy of it with only
+    these geoms is compiled.
 
     Args:
         spec: the specification; it is not changed.
         root: the body to start from; ``spec.worldbody`` for the whole world.
-        jointed: whether bodies that have joints, and bodies below them, are included.
-        skip: the name of a body that is left out with all bodies below it.
+        jointed: whether to include bodies that have joints, and bodies below them.
+        skip: name of a body to leave out, with all bodies below it.
 
     Returns:
         The solids, in the frame of ``root``.
@@ -130,7 +130,7 @@ def solids_of_spec(
 def _bodies(
     body: mujoco.MjsBody, pose: _Pose, *, jointed: bool, skip: str
 ) -> Iterator[tuple[mujoco.MjsBody, _Pose]]:
-    """The body and all below it, each with its pose in the frame of the first."""
+    """List the body and all below it, each with its pose in the frame of the first."""
     yield body, pose
     for child in body.bodies:
         left_out = child.mocap or (skip and child.name == skip)
@@ -140,7 +140,7 @@ def _bodies(
 
 
 def _compose(outer: _Pose, inner: _Pose) -> _Pose:
-    """The pose ``inner``, given in the frame ``outer``, in the frame that ``outer`` is given in."""
+    """Transform ``inner``, a pose in ``outer``, to the frame in which ``outer`` is given."""
     moved, turned = np.zeros(3), np.zeros(4)
     mujoco.mju_rotVecQuat(moved, inner[0], outer[1])
     mujoco.mju_mulQuat(turned, outer[1], inner[1])
@@ -148,14 +148,14 @@ def _compose(outer: _Pose, inner: _Pose) -> _Pose:
 
 
 def _out_of_frames(pose: _Pose, frame: mujoco.MjsFrame | None) -> _Pose:
-    """A pose given in a frame, which may lie in further frames, in the body that holds them."""
+    """Transform a pose from a frame, perhaps inside other frames, to the body that holds them."""
     while frame is not None:
         pose, frame = _compose(_own_pose(frame), pose), frame.frame
     return pose
 
 
 def _own_pose(element: mujoco.MjsBody | mujoco.MjsGeom | mujoco.MjsFrame) -> _Pose:
-    """The pose as the element itself says it, with its orientation as a unit quaternion."""
+    """Read the element's own pose, with its orientation as a unit quaternion."""
     if element.alt.type == mujoco.mjtOrientation.mjORIENTATION_QUAT:
         quat = np.array(element.quat, np.float64)
     else:
@@ -171,7 +171,7 @@ def _own_pose(element: mujoco.MjsBody | mujoco.MjsGeom | mujoco.MjsFrame) -> _Po
 
 
 def _solid(spec: mujoco.MjSpec, geom: mujoco.MjsGeom, body: _Pose) -> Solid:
-    """A geom whose shape stands in the specification. body: the pose of its body."""
+    """Read a geom whose shape is in the specification. body: the pose of its body."""
     size, vertices = np.array(geom.size, np.float64), np.zeros((0, 3))
     pose = _own_pose(geom)
     if np.isfinite(geom.fromto[0]):
@@ -187,7 +187,7 @@ def _solid(spec: mujoco.MjSpec, geom: mujoco.MjsGeom, body: _Pose) -> Solid:
 
 
 def _between_ends(geom: mujoco.MjsGeom, size: FloatArray) -> tuple[FloatArray, _Pose]:
-    """Size and pose of a geom given by the two ends of its axis, as MuJoCo's compiler has it."""
+    """Compute size and pose of a geom given by the two ends of its axis, as MuJoCo does."""
     ends = np.array(geom.fromto, np.float64)
     axis, quat = ends[:3] - ends[3:], np.zeros(4)
     half = 0.5 * mujoco.mju_normalize3(axis)
@@ -200,7 +200,7 @@ def _between_ends(geom: mujoco.MjsGeom, size: FloatArray) -> tuple[FloatArray, _
 
 
 def _is_plain(mesh: mujoco.MjsMesh, geom: mujoco.MjsGeom) -> bool:
-    """Whether the vertices of a geom's mesh stand in the specification as they are used."""
+    """Tell whether the specification holds the vertices of a geom's mesh as they are used."""
     plain_pose = not np.any(mesh.refpos) and np.array_equal(mesh.refquat, _IDENTITY[1])
     return bool(geom.type == _MESH and not mesh.file and len(mesh.uservert) and plain_pose)
 
@@ -208,7 +208,7 @@ def _is_plain(mesh: mujoco.MjsMesh, geom: mujoco.MjsGeom) -> bool:
 def _compiled(
     spec: mujoco.MjSpec, root: mujoco.MjsBody, geoms: list[mujoco.MjsGeom]
 ) -> list[Solid]:
-    """These geoms, in the frame of ``root``, from a compiled copy that holds nothing else."""
+    """Read these geoms, in the frame of ``root``, from a compiled copy without all others."""
     copy = spec.copy()
     meshes = {geom.meshname for geom in geoms}
     for geom, original in zip(copy.geoms, spec.geoms, strict=True):

@@ -1,6 +1,6 @@
-"""What a scenario says of ground that is not flat and of loose things.
+"""A scenario's settings of uneven ground and of loose bodies.
 
-Independent of the physics engine; ``mjcf_ground`` adds them to a world.
+They are independent of the physics engine. ``mjcf_ground`` adds them to a world.
 """
 
 from __future__ import annotations
@@ -14,26 +14,26 @@ from simloop.common.quantities import STRICT, Length, Point, has_area
 from simloop.config.simulation import Friction
 
 MOST_ROUGH_STEP_S = 0.002
-"""The longest physics step over a height field. With longer steps a hull that falls on it
+"""The longest physics step over a height field. With a longer step, a hull that falls on the field
 penetrates so deeply in one step that the contact throws it out with more energy than it had."""
 _MOST_CORRELATED = 100
-"""The most cells over which heights may be correlated: finer draws take minutes and look alike."""
+"""The most cells over which heights may be correlated. Finer grids take minutes and look alike."""
 Height = Annotated[float, Field(gt=0.0, le=1.0)]
 Run = Annotated[float, Field(ge=0.0, le=100.0)]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Ramp:
-    """A ramp up, a level top and a ramp down, along x from its foot.
+    """A ramp up, a level top and a ramp down, along x from the foot.
 
     Attributes:
         position_m: x, y of the middle of the foot in map, m.
-        height_m: of the top, m.
+        height_m: height of the top, m.
         up_m: horizontal length of the ramp up, m.
         top_m: length of the top, m.
         down_m: horizontal length of the ramp down, m; 0 is a drop.
-        width_m: across, m.
-        yaw_rad: by which it is turned about the middle of its foot, rad.
+        width_m: width, m.
+        yaw_rad: yaw about the middle of its foot, rad.
     """
 
     position_m: Point
@@ -47,13 +47,13 @@ class Ramp:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Step:
-    """A level block on the floor; a narrow one is a sill.
+    """A level block on the floor. A narrow one is a sill.
 
     Attributes:
         position_m: x, y of its centre in map, m.
-        size_m: length and width over all, m.
-        height_m: m.
-        yaw_rad: by which it is turned, rad.
+        size_m: overall length and width, m.
+        height_m: height, m.
+        yaw_rad: yaw, rad.
     """
 
     position_m: Point
@@ -66,17 +66,17 @@ class Step:
 class HeightField:
     """Rough ground in a rectangle, from an image or drawn from a seed.
 
-    What is drawn is level with the floor at its rim.
+    Random ground is level with the floor at its rim.
 
     Attributes:
         min_m: least x, y in map, m.
         max_m: greatest x, y in map, m.
         image: a grey PNG: black is the floor, white is ``height_m``; its upper edge is at the
             greatest y.
-        height_m: of white above the floor, m.
-        rms_m: standard deviation of drawn heights about their mean, m.
-        correlation_m: distance at which the Gaussian correlation of drawn heights is 1/e, m.
-        seed: of the draw.
+        height_m: height of white above the floor, m.
+        rms_m: standard deviation of random heights about their mean, m.
+        correlation_m: distance at which the Gaussian correlation of random heights is 1/e, m.
+        seed: seed of the random heights.
         cell_m: size of a cell of the grid, m.
     """
 
@@ -96,7 +96,7 @@ class HeightField:
         if (self.image is None) == (self.rms_m is None):
             raise ValueError("give either image and height_m, or rms_m")
         if (self.image is None) != (self.height_m is None):
-            raise ValueError("image and height_m go together")
+            raise ValueError("image and height_m must be given together")
         if max(self.shape()) > 1001:
             raise ValueError("more than 1001 cells along a side: choose a larger cell_m")
         if self.rms_m is not None and self.correlation_m > _MOST_CORRELATED * self.cell_m:
@@ -104,7 +104,7 @@ class HeightField:
         return self
 
     def shape(self) -> tuple[int, int]:
-        """The size of the grid of heights.
+        """Compute the size of the grid of heights.
 
         Returns:
             Rows (along y) and columns (along x).
@@ -116,12 +116,12 @@ class HeightField:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Terrain:
-    """Everything that lies on the floor to be driven over; the robot's software knows none of it.
+    """All ground that the robot can drive over. The robot's software does not know it.
 
     Attributes:
-        ramps: sloped.
-        steps: level.
-        height_field: rough ground, if any.
+        ramps: the ramps.
+        steps: the level blocks.
+        height_field: rough ground, or None.
     """
 
     ramps: tuple[Ramp, ...] = ()
@@ -131,17 +131,17 @@ class Terrain:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Loose:
-    """A thing that stands loose on the floor.
+    """A loose body on the floor.
 
     Attributes:
         shape: box or cylinder.
         position_m: x, y of its centre in map, m.
-        size_m: of a box length and width, of a cylinder its diameter, m.
-        mass_kg: kg.
-        height_m: m.
-        friction: coefficient between it and the ground.
-        yaw_rad: by which it is turned, rad.
-        pushable: whether touching it is allowed; if not, a touch is a contact like any other.
+        size_m: length and width of a box, or diameter of a cylinder, m.
+        mass_kg: mass, kg.
+        height_m: height, m.
+        friction: coefficient of friction between it and the ground.
+        yaw_rad: yaw, rad.
+        pushable: whether the robot may touch it; if not, a touch counts as a contact.
     """
 
     shape: Literal["box", "cylinder"]

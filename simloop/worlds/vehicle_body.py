@@ -1,4 +1,4 @@
-"""Reads the robot's true outline from the vehicle's model."""
+"""Read the robot's true outline from the vehicle's model."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ import numpy as np
 from simloop.worlds.body import Body
 from simloop.worlds.solids import solids_of_spec
 
-_DECIMALS = 6  # micrometres: rounding errors of decimal fractions lie below them
+_DECIMALS = 6  # micrometres; rounding errors of decimal fractions are smaller
 
 
 def body_of(spec: mujoco.MjSpec) -> Body:
-    """Reads the outline of the vehicle from its model, before or after compilation.
+    """Read the outline of the vehicle from its model, before or after compilation.
 
     Lengths are rounded to the micrometre.
 
     Args:
-        spec: a specification that holds the vehicle: the body ``base_link`` and the site ``lidar``.
+        spec: a specification with the vehicle: the body ``base_link`` and the site ``lidar``.
 
     Returns:
         The outline and the LiDAR's height.

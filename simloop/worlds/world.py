@@ -18,13 +18,13 @@ from simloop.worlds.vehicle_body import body_of
 
 @dataclass(frozen=True, slots=True, eq=False)
 class World:
-    """Ground truth for the plant, the judge and the drawings; the robot never sees it.
+    """Ground truth for the plant, the evaluation and the drawings. The robot never sees it.
 
     Attributes:
-        model: the arena with the vehicle and everything of the layout, compiled.
-        floor: what truly stands.
+        model: the compiled model of the arena, the vehicle and the whole layout.
+        floor: the true floor plan.
         body: the robot's true outline.
-        movers: what moves, in the order of the model's mocap bodies.
+        movers: the movers, in the order of the model's mocap bodies.
     """
 
     model: mujoco.MjModel
@@ -34,17 +34,17 @@ class World:
 
 
 def compile_world(layout: Layout, config: Config) -> World:
-    """Builds a described world, with one compilation.
+    """Build a described world, with one compilation.
 
     Args:
-        layout: what stands and moves.
+        layout: the description of the world.
         config: the physics step, the payload, and the friction of the tracks.
 
     Returns:
         The world.
 
     Raises:
-        ValueError: where it cannot be built.
+        ValueError: the world cannot be built.
     """
     spec = assemble(layout, config.tracks.friction)
     body = body_of(spec)

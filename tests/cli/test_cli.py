@@ -94,7 +94,7 @@ def test_no_output_takes_the_place_of_another_or_of_the_scenario(tmp_path):
         (choose(None, None, None, tmp_path / "mine.json"), "the scenario itself"),
         (choose(None, None, None, mine), "the scenario itself"),
         (choose(None, mine, None, None), "the scenario itself"),
-        (choose(None, tmp_path / "x", None, tmp_path / "x"), "what --record writes"),
+        (choose(None, tmp_path / "x", None, tmp_path / "x"), "the output of --record"),
     ):
         with pytest.raises(InputError, match=f"would overwrite {what}"):
             outputs.check(mine)

@@ -185,7 +185,7 @@ def test_a_vehicle_must_have_the_same_wheels_on_both_sides():
     model = mujoco.MjModel.from_xml_string(
         "<mujoco><worldbody><geom name='road_left_0' size='1'/></worldbody></mujoco>"
     )
-    with pytest.raises(ValueError, match="as many road wheels"):
+    with pytest.raises(ValueError, match="same number of road wheels"):
         road_wheels(model)
 
 

@@ -42,7 +42,7 @@ def mover(motion, x=1.0, y=1.0, **more):
 @pytest.mark.parametrize(
     ("keys", "line"),
     [
-        (["movers=[{motion='walk'}]"], "a position_m"),
+        (["movers=[{motion='walk'}]"], "needs position_m"),
         (["movers=[{motion='path',keys_txy=[[0,1,1]]}]"], "two keys"),
         (["movers=[{motion='path',keys_txy=[[0,1,1],[0,2,2]]}]"], "later than the one before"),
         (["movers=[{motion='swim',position_m=[1,1]}]"], "motion"),

@@ -1,1 +1,1 @@
-"""Worlds and clutter that are drawn from a seed."""
+"""Random worlds and obstacles, drawn from a seed."""

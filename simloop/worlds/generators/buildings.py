@@ -1,4 +1,4 @@
-"""Draws buildings: rooms with doors, and walls with gaps."""
+"""Draw buildings: rooms with doors, and walls with gaps."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ _HALF = 0.5 * WALL_M
 def rooms(
     rng: np.random.Generator, bounds: Bounds, room_m: float, door_m: float, loops: float
 ) -> list[Obstacle]:
-    """Draws a grid of rooms, with doors between those that a random spanning tree joins.
+    """Draw a grid of rooms. A random spanning tree decides which rooms have a door between them.
 
     Args:
-        rng: the source of all draws.
+        rng: random generator of all draws.
         bounds: x_min, y_min, x_max, y_max of the floor in map, m.
-        room_m: about how long and wide a room is, m.
+        room_m: approximate length and width of a room, m.
         door_m: width of the doors, m.
-        loops: share of the other walls that have a door as well, 0 to 1.
+        loops: share of the other walls that also have a door, 0 to 1.
 
     Returns:
         The inner walls.
@@ -57,17 +57,17 @@ def gaps(
     widths_m: Sequence[float],
     ends: FloatArray,
 ) -> list[Obstacle]:
-    """Draws walls across the way, with one gap each at a random place.
+    """Draw walls across the way from start to goal, each with one gap at a random place.
 
     Args:
-        rng: the source of all draws.
+        rng: random generator of all draws.
         bounds: x_min, y_min, x_max, y_max of the floor in map, m.
         apart_m: distance between two walls along x, m.
-        widths_m: of the gaps, in turn, m.
-        ends: (2, 2) start and goal, x, y in map, m; walls stand between them along x.
+        widths_m: widths of the gaps, in turn, m.
+        ends: (2, 2) start and goal, x, y in map, m; the walls are between them along x.
 
     Returns:
-        The pieces of the walls.
+        The parts of the walls.
     """
     y0, y1 = bounds[1], bounds[3]
     low, high = np.sort(ends[:, 0])
@@ -83,7 +83,7 @@ def gaps(
 def _beside_a_door(
     rng: np.random.Generator, low: float, high: float, door_m: float
 ) -> list[tuple[float, float]]:
-    """The pieces of a wall from ``low`` to ``high`` beside a door; a width of 0 means no door."""
+    """Compute the parts of a wall from ``low`` to ``high`` beside a door; width 0: no door."""
     if door_m <= 0.0:
         return [(low, high)]
     jamb = min(_JAMB_M, 0.5 * max(0.0, high - low - door_m))

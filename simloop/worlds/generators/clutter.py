@@ -1,4 +1,4 @@
-"""Clutter drawn from a seed: obstacles that block the straight line and leave a passable way."""
+"""Draw random obstacles that block the straight line and leave a passable way."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from simloop.worlds.obstacles import Obstacle, ShapeName
 _SHAPES: tuple[ShapeName, ...] = ("box", "cylinder", "ellipse", "polygon", "ell")
 _ROOMS = 200  # trials of a whole room
 _PLACES = 200  # trials of a single obstacle in a room
-_FULL_ROOMS = 20  # rooms in which not all obstacles found a place, before it gives up
+_FULL_ROOMS = 20  # the search stops after this many rooms without a place for all obstacles
 _RASTER_M = 0.025
-_APART_M = 0.04
-_TURNING_ROOM_M = 0.11
-_SLACK_M = 0.04
-# Heights as shares of the LiDAR's: the LiDAR at 0.2 m has a range of 0.05 to 0.12 m for feet.
-_FOOT = (0.25, 0.6)  # lower edge of what hangs below the LiDAR's plane
-_TOP = (0.75, 0.9)  # upper edge of what stands or hangs below it
-_SHELF = 1.05  # lower edge of what hangs above it, below the top of the mast
+_APART_M = 0.04  # least distance between two obstacles, and from an obstacle to a wall
+_TURNING_ROOM_M = 0.11  # room at start and goal in addition to the turning radius
+_SLACK_M = 0.04  # room beside the path in addition to the safe distance
+# Heights as shares of the LiDAR's height: with the LiDAR at 0.2 m, feet are at 0.05 to 0.12 m.
+_FOOT = (0.25, 0.6)  # lower edge of an obstacle that hangs below the LiDAR's plane
+_TOP = (0.75, 0.9)  # upper edge of an obstacle that stands or hangs below the plane
+_SHELF = 1.05  # lower edge of an obstacle that hangs above the plane, below the top of the mast
 _SHELF_HEIGHT_M = 0.3
 
 
@@ -45,26 +45,27 @@ def draw_clutter(
     safe_distance_m: float = 0.26,
     standing: Sequence[Section] = (),
 ) -> list[Obstacle]:
-    """Draws obstacles of different shapes, each as large as a disc of radius 0.10 to 0.25 m.
+    """Draw obstacles of different shapes, each as large as a disc of radius 0.10 to 0.25 m.
 
-    Rooms are drawn until the straight line from start to goal is blocked and a disc with a radius
-    4 cm larger than the safe distance can pass. Start and goal keep room for the robot to turn.
+    Rooms are drawn until two conditions hold. The straight line from start to goal is blocked, and
+    a disc with a radius 4 cm larger than the safe distance can pass. At start and goal the robot
+    has room to turn.
 
     Args:
-        rng: the source of all draws.
+        rng: random generator of all draws.
         start: (2,) or (3,) x, y, ... of the robot in map, m.
         goal: (2,) or (3,) x, y, ... in map, m.
         bounds: (4,) x_min, y_min, x_max, y_max of the room in map, m.
         body: the robot's true outline.
-        count: how many obstacles.
-        safe_distance_m: that the planner keeps between its path and obstacles, m.
-        standing: what stands there already; obstacles keep clear of it.
+        count: number of obstacles.
+        safe_distance_m: distance that the planner keeps between its path and obstacles, m.
+        standing: obstacles that are already there; new ones keep a distance from them.
 
     Returns:
         The obstacles.
 
     Raises:
-        ValueError: if start or goal leave no room, or no room was found in 200 trials.
+        ValueError: start or goal have too little room, or 200 trials found no room.
     """
     ends = np.array([start[:2], goal[:2]], dtype=np.float64)
     walls = np.array(bounds, dtype=np.float64)
@@ -95,21 +96,21 @@ def draw_clutter(
 def hide_from_lidar(
     rng: np.random.Generator, obstacles: Sequence[Obstacle], share: float, lidar_height_m: float
 ) -> list[Obstacle]:
-    """Moves some obstacles out of the LiDAR's plane, where the robot still meets them.
+    """Move some obstacles out of the LiDAR's plane to heights where the robot still touches them.
 
-    In equal parts they stand lower than the plane, hang below it, and hang above it, where only the
-    mast meets them.
+    There are three kinds, equally often: lower than the plane, hanging below it, and hanging above
+    it. Only the mast can touch the last kind.
 
     Args:
-        rng: the source of all draws; each obstacle takes the same number of them.
-        obstacles: to choose from.
-        share: of the obstacles that is moved, on average, 0 to 1.
+        rng: random generator of all draws; each obstacle uses the same number of them.
+        obstacles: the obstacles to choose from.
+        share: mean share of the obstacles that is moved, 0 to 1.
         lidar_height_m: height of the plane, m.
 
     Returns:
         All obstacles in their order, changed or not.
     """
-    # Rounded to the micrometre: a height of 0.21 m is then the number 0.21.
+    # Rounded to the micrometre, so that a height of 0.21 m is exactly the number 0.21.
     foot_low, foot_high, top_low, top_high, shelf = (
         round(factor * lidar_height_m, 6) for factor in (*_FOOT, *_TOP, _SHELF)
     )
@@ -132,13 +133,13 @@ def _draw_room(
     turning_m: float,
     there: FloorPlan,
 ) -> list[Obstacle] | None:
-    """``count`` obstacles that keep apart, or None if they did not all find a place."""
+    """Draw ``count`` obstacles that keep a distance; None if not all found a place."""
     room: list[Obstacle] = []
     for _ in range(_PLACES):
         if len(room) == count:
             return room
         item = draw_obstacle(rng, rng.uniform(walls[:2], walls[2:]))
-        # Only exact distances are asked for, so a raster of one cell is enough.
+        # Only exact distances are used, so a raster of one cell is enough.
         alone = rasterise(item.sections(), walls, resolution_m=float(np.max(walls[2:] - walls[:2])))
         if np.any(alone.clearance_m(ends) < turning_m) or np.any(
             distance_to_bounds(_outline(item), walls) < _APART_M
@@ -152,12 +153,12 @@ def _draw_room(
 
 
 def _apart(alone: FloorPlan, other: Obstacle) -> bool:
-    """Whether another obstacle's outline keeps its distance (neither can swallow the other)."""
+    """Tell whether another obstacle keeps its distance. Neither can contain the other."""
     return bool(np.all(alone.clearance_m(_outline(other)) > _APART_M))
 
 
 def _outline(item: Obstacle) -> FloatArray:
-    """(N, 2) points around an obstacle, at most about 2 cm apart."""
+    """Compute points (N, 2) around an obstacle, at most about 2 cm apart."""
     pieces = []
     for section in item.sections():
         following = np.roll(section.vertices_m, -1, axis=0)
@@ -172,10 +173,10 @@ def _outline(item: Obstacle) -> FloatArray:
 
 
 def draw_obstacle(rng: np.random.Generator, position: FloatArray) -> Obstacle:
-    """Draws one obstacle of a random shape, as large as a disc of radius 0.10 to 0.25 m.
+    """Draw one obstacle of a random shape, as large as a disc of radius 0.10 to 0.25 m.
 
     Args:
-        rng: the source of all draws.
+        rng: random generator of all draws.
         position: (2,) x, y of its centre in map, m.
 
     Returns:
@@ -190,7 +191,7 @@ def draw_obstacle(rng: np.random.Generator, position: FloatArray) -> Obstacle:
     if shape == "polygon":
         corners = int(rng.integers(3, 7))
         angle = 2.0 * math.pi * (np.arange(corners) + rng.uniform(-0.2, 0.2, corners)) / corners
-        # Corners on an ellipse make a convex polygon, whatever their angles.
+        # Corners on an ellipse make a convex polygon for any angles.
         swell = radius * math.sqrt(2.0 * math.pi / corners / math.sin(2.0 * math.pi / corners))
         axes = np.array([math.sqrt(aspect), 1.0 / math.sqrt(aspect)]) * swell
         ring = axes * np.stack([np.cos(angle), np.sin(angle)], axis=1)

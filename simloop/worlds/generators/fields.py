@@ -1,4 +1,4 @@
-"""Draws open ground with many round obstacles on it."""
+"""Draw open ground with many round obstacles."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from simloop.worlds.obstacles import Obstacle
 
 _BARN_CELL_M = 0.15
 _BARN_ROUNDS = 4
-_BARN_BORN, _BARN_DIES = 5, 1  # neighbours of eight
+_BARN_BORN, _BARN_DIES = 5, 1  # number of filled neighbours, out of eight
 _BARN_HEIGHT_M = 0.6
-_TRUNK_M = (0.1, 0.4)
-_PER_PLACE = 30  # darts for each trunk that would find a place, at a density of 1
+_TRUNK_M = (0.1, 0.4)  # least and greatest diameter
+_PER_PLACE = 30  # darts for each trunk that has a place, at a density of 1
 
 
 def barn(rng: np.random.Generator, bounds: Bounds, density: float) -> list[Obstacle]:
-    """Draws clumps of cylinders on a raster of 0.15 m, after BARN (Perille et al. 2020).
+    """Draw clumps of cylinders on a raster of 0.15 m, after BARN (Perille et al. 2020).
 
-    Cells are filled by chance. Then a cellular automaton fills cells with five filled neighbours or
-    more, and empties those with one or none.
+    Cells are filled at random. Then a cellular automaton fills cells with five or more filled
+    neighbours, and empties cells with one or none.
 
     Args:
-        rng: the source of all draws.
+        rng: random generator of all draws.
         bounds: x_min, y_min, x_max, y_max of the floor in map, m.
-        density: share of the cells that are filled at first, 0 to 1.
+        density: initial share of filled cells, 0 to 1.
 
     Returns:
-        The cylinders, each of the size of a cell.
+        The cylinders, each as large as a cell.
     """
     x0, y0, x1, y1 = bounds
     shape = int((x1 - x0) / _BARN_CELL_M), int((y1 - y0) / _BARN_CELL_M)
@@ -53,13 +53,13 @@ def barn(rng: np.random.Generator, bounds: Bounds, density: float) -> list[Obsta
 def forest(
     rng: np.random.Generator, bounds: Bounds, apart_m: float, density: float
 ) -> list[Obstacle]:
-    """Draws trunks of 0.1 to 0.4 m that keep a distance, by dart throwing.
+    """Draw trunks of 0.1 to 0.4 m that keep a distance, by dart throwing.
 
     Args:
-        rng: the source of all draws.
+        rng: random generator of all draws.
         bounds: x_min, y_min, x_max, y_max of the floor in map, m.
         apart_m: least distance between the surfaces of two trunks, m.
-        density: share of the darts that would fill the ground, 0 to 1.
+        density: share of the number of darts that would fill the ground, 0 to 1.
 
     Returns:
         The trunks.

@@ -1,4 +1,4 @@
-"""The table ``[generator]``: the kind of world that is drawn from the scenario's seed."""
+"""The table ``[generator]``: a kind of world, drawn from the scenario's seed."""
 
 from __future__ import annotations
 
@@ -16,29 +16,29 @@ from simloop.worlds.generators import buildings, fields, mazes
 from simloop.worlds.layout import WALL_M, Bounds, Layout, walls_about
 from simloop.worlds.obstacles import Obstacle
 
-_TRIALS = 200
+_TRIALS = 200  # worlds drawn before the generator gives up
 _RASTER_M = 0.025
-_SLACK_M = 0.02
-_TURNING_ROOM_M = 0.08
+_SLACK_M = 0.02  # room beside the robot in addition to half its width
+_TURNING_ROOM_M = 0.08  # room that barn and forest leave at the ends beside the turning radius
 Metres = Annotated[float, Field(gt=0.0, le=100.0)]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Generator:
-    """A floor from (0, 0) to ``size_m`` with walls around it and a kind of world inside.
+    """A floor from (0, 0) to ``size_m`` with walls around it, and a kind of world inside.
 
     Attributes:
         kind: ``barn``: clumps of cylinders of 0.15 m, after the BARN data set; ``forest``: round
             trunks of 0.1 to 0.4 m; ``rooms``: rooms joined by doors; ``maze``: corridors;
-            ``gaps``: walls across the way with one gap each; ``utrap``: U-shaped dead ends.
+            ``gaps``: walls across the way, with one gap each; ``utrap``: U-shaped dead ends.
         size_m: length along x and along y, m.
         width_m: least distance between trunks, width of doors or width of corridors, m.
         cell_m: size of rooms, distance between the walls with gaps, or depth of dead ends, m.
-        gaps_m: the widths of the gaps, in turn, m.
-        density: share of a barn's cells that are filled before clumping; for a forest, share of the
-            trunks that would fill the ground.
-        loops: share of the walls that a tree of rooms or a perfect maze would have, and that get a
-            door or are left out.
+        gaps_m: widths of the gaps, in turn, m.
+        density: for a barn, share of the cells that are filled before clumping; for a forest, share
+            of the trunks that would fill the ground.
+        loops: share of the walls of a tree of rooms that get a door, or of a perfect maze that are
+            left out.
         count: number of dead ends.
     """
 
@@ -72,20 +72,20 @@ def draw_world(
     goal: Sequence[float],
     body: Body,
 ) -> Layout:
-    """Draws worlds until the robot can get from start to goal, with room to turn at both.
+    """Draw worlds until the robot can get from start to goal, with room to turn at both.
 
     Args:
         generator: the kind of world and its sizes.
-        rng: the source of all draws.
+        rng: random generator of all draws.
         start: (2,) or (3,) x, y, ... of the robot in map, m.
         goal: (2,) x, y in map, m.
         body: the robot's true outline.
 
     Returns:
-        The floor's bounds and its obstacles, walls included.
+        The floor's bounds and its obstacles, including the walls.
 
     Raises:
-        ValueError: if none of 200 worlds can be crossed.
+        ValueError: none of 200 worlds can be crossed.
     """
     ends, bounds = np.array([start[:2], goal[:2]], float), generator.bounds_m
     turning_m = body.turning_radius_m + _TURNING_ROOM_M
@@ -106,7 +106,7 @@ def draw_world(
 
 
 def _clear(one: Obstacle, ends: np.ndarray, room_m: float) -> bool:
-    """Whether a round obstacle leaves both ends (2, 2) the room asked for."""
+    """Tell whether a round obstacle leaves enough room at both ends (2, 2)."""
     off = np.hypot(*(ends - np.array(one.position_m)).T) - 0.5 * one.size_m[0]
     return bool(np.all(off >= room_m))
 

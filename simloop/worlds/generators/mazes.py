@@ -1,4 +1,4 @@
-"""Draws mazes, and dead ends on the way to the goal."""
+"""Draw mazes, and dead ends between start and goal."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from simloop.worlds.obstacles import Obstacle
 def maze(
     rng: np.random.Generator, bounds: Bounds, corridor_m: float, loops: float
 ) -> list[Obstacle]:
-    """Draws a maze that fills the floor.
+    """Draw a maze that fills the floor.
 
     Args:
-        rng: the source of all draws.
+        rng: random generator of all draws.
         bounds: x_min, y_min, x_max, y_max of the floor in map, m.
         corridor_m: least width of the corridors, m.
         loops: share of a perfect maze's walls that are left out, 0 to 1.
@@ -50,16 +50,16 @@ def maze(
 def spanning_walls(
     rng: np.random.Generator, columns: int, rows: int
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Draws a perfect maze: the walls that remain when a random tree joins all cells, depth first.
+    """Draw a perfect maze: walls remain where a random depth-first tree does not join two cells.
 
     Args:
-        rng: the source of all draws.
+        rng: random generator of all draws.
         columns: number of cells along x.
         rows: number of cells along y.
 
     Returns:
-        (columns - 1, rows) whether a wall stands to the east of a cell, and (columns, rows - 1)
-        whether one stands to its north.
+        (columns - 1, rows) whether a wall is east of each cell, and (columns, rows - 1) whether
+        one is north of it.
     """
     east = np.ones((columns - 1, rows), bool)
     north = np.ones((columns, rows - 1), bool)
@@ -85,7 +85,7 @@ def spanning_walls(
 
 
 def _runs(walls: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """First and one past the last of each run of walls, so that a straight wall is one box."""
+    """List the start and end of each run of walls. A straight wall then becomes one box."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], walls, [False]]).astype(int)))
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
@@ -93,10 +93,10 @@ def _runs(walls: NDArray[np.bool_]) -> list[tuple[int, int]]:
 def dead_ends(
     rng: np.random.Generator, depth_m: float, count: int, ends: FloatArray
 ) -> list[Obstacle]:
-    """Draws U-shaped traps on the straight line from start to goal, open towards the start.
+    """Draw U-shaped traps on the straight line from start to goal, open towards the start.
 
     Args:
-        rng: the source of all draws.
+        rng: random generator of all draws.
         depth_m: greatest depth and width of a trap, m.
         count: number of traps.
         ends: (2, 2) start and goal, x, y in map, m.
@@ -118,7 +118,7 @@ def dead_ends(
 
 
 def _trap(back: FloatArray, turn: float, deep: float, wide: float) -> list[Obstacle]:
-    """Three walls: a back in the middle of ``back`` (2,), and arms that point against ``turn``."""
+    """Make three walls: a back with its middle at ``back`` (2,), and arms against ``turn``."""
     cos, sin = math.cos(turn), math.sin(turn)
 
     def wall(x: float, y: float, length: float, width: float) -> Obstacle:

@@ -1,1 +1,1 @@
-"""Things that move by themselves: their settings, and how they truly move."""
+"""Things that move by themselves: their settings and their true motion."""

@@ -1,7 +1,7 @@
-"""All movers of a run, and the goal that moves: ground truth that the robot is not told.
+"""All movers of a run, and the moving goal. They are ground truth, unknown to the robot.
 
-They stand between the plant's truth and its next step: they say where each mover is by the end of
-the coming control period.
+They are stepped between the plant's truth and its next step, and compute where each mover is at the
+end of the coming control period.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from simloop.worlds.movers.settings import GoalMotion, Mover
 
 _KINDS = {"path": PATH, "constant": CONSTANT, "walk": WALK, "pedestrian": PEDESTRIAN}
 _FAR_M = 1e6
-_TOUCHING_M = 0.01  # from the outline: who is nearer while something touches has touched
-_DEEPEST_M = 0.06  # in the outline: who is deeper has touched, whatever else is known
-_BACK_S, _WAIT_S = 0.5, 2.0  # after a touch
+_TOUCHING_M = 0.01  # gap to the outline below which a mover has touched, if a contact is reported
+_DEEPEST_M = 0.06  # depth in the outline above which a mover has touched in any case
+_BACK_S, _WAIT_S = 0.5, 2.0  # after a touch: time to go back, then time to wait
 _NOBODY = RobotOutline(_FAR_M, _FAR_M, 0.0, 0.0, 0.0)
 
 
@@ -40,11 +40,11 @@ class Crowd:
     """The movers over a floor plan.
 
     Args:
-        movers: what moves.
-        floor: what stands.
+        movers: settings of the movers.
+        floor: the floor plan.
         body: the robot's true outline.
         period_s: the control period, s.
-        rng: the source of all draws.
+        rng: random generator of all draws.
     """
 
     def __init__(
@@ -69,14 +69,14 @@ class Crowd:
         ]
 
     def step(self, pose: FloatArray | None, touched: bool = False) -> FloatArray:
-        """Moves everyone by one control period.
+        """Move all movers by one control period.
 
         Args:
-            pose: (3,) true x, y, yaw of the robot now; None if the movers are not to feel it.
+            pose: (3,) true x, y, yaw of the robot now; None if the movers must ignore it.
             touched: whether something touches the robot now.
 
         Returns:
-            (n, 2) where they are then, x, y in map, m; the array is changed by the next step.
+            (n, 2) places after the period, x, y in map, m. The next step changes this array.
         """
         states = self._states
         depth = -_TOUCHING_M if touched else _DEEPEST_M
@@ -84,7 +84,7 @@ class Crowd:
         if pose is not None:
             robot = RobotOutline(pose[0], pose[1], pose[2], *self._half, depth)
         count = len(states.kind)
-        # Everyone gets draws at every step, so that no mover shifts another's.
+        # All movers get draws at every step, so that no mover shifts another's draws.
         normal, uniform = self._rng.standard_normal(count), self._rng.random((count, 2))
         advance(states, self._floor, robot, normal, uniform, self._period_s)
         for path in self._paths:
@@ -94,7 +94,7 @@ class Crowd:
 
 @dataclass
 class _Path:
-    """A mover on keys (k, 3) of t, x, y, with a clock that runs back after a touch."""
+    """A mover on keys (k, 3) of t, x, y. Its clock runs back after a touch."""
 
     number: int
     keys: FloatArray
@@ -104,11 +104,11 @@ class _Path:
     rest_s: float = 0.0
 
     def go_on(self, place: FloatArray, robot: RobotOutline, period_s: float) -> None:
-        """Writes into a place (2,) where the mover is one period later."""
+        """Write the mover's place after one period into ``place`` (2,)."""
         gap = gap_to_outline(robot, *place.tolist())[0] - self.radius_m
         if gap < -robot.depth and not self.pushes and self.rest_s <= 0.0:
             self.rest_s = _BACK_S + _WAIT_S
-        # After a touch it goes back first, then waits, then goes on.
+        # After a touch the mover first goes back, then waits, then continues.
         if self.rest_s <= 0.0:
             self.clock_s += period_s
         elif self.rest_s > _WAIT_S:
@@ -118,15 +118,15 @@ class _Path:
 
 
 class MovingGoal:
-    """A goal that moves, and what the robot is told of it.
+    """A goal that moves, and the readings of it that the robot gets.
 
     Args:
-        motion: how it moves and how well it is known.
-        goal: (2,) where it begins, x, y in map, m.
-        floor: what stands.
+        motion: settings of its motion and of the readings.
+        goal: (2,) its initial place, x, y in map, m.
+        floor: the floor plan.
         body: the robot's true outline.
         period_s: the control period, s.
-        rng: the source of all draws.
+        rng: random generator of all draws.
     """
 
     def __init__(
@@ -153,19 +153,19 @@ class MovingGoal:
         self._crowd = Crowd([mover], floor, body, period_s, rng)
 
     def step(self) -> FloatArray:
-        """Moves the goal by one control period.
+        """Move the goal by one control period.
 
         Returns:
-            (2,) where it truly is then, x, y in map, m.
+            (2,) its true place after the period, x, y in map, m.
         """
         return self._crowd.step(None)[0].copy()
 
     def reading(self, t_ns: int, goal: FloatArray) -> GoalReading | None:
-        """What the robot is told at an instant.
+        """Make the reading that the robot gets at an instant.
 
         Args:
             t_ns: the instant, ns.
-            goal: (2,) where the goal truly is, x, y in map, m.
+            goal: (2,) true place of the goal, x, y in map, m.
 
         Returns:
             The place with noise, or None between two readings.
@@ -176,7 +176,7 @@ class MovingGoal:
 
 
 def on_path(keys: FloatArray, t_s: float) -> FloatArray:
-    """The place on a path at an instant; straight between keys, and from the start again after it.
+    """Compute the place on a path at an instant. It is straight between keys, and repeats.
 
     Args:
         keys: (k, 3) t, x, y, s and m, in order of time, the first at t = 0.

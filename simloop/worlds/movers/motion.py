@@ -1,7 +1,7 @@
-"""Moves all movers over one control period, in one compiled step.
+"""Move all movers over one control period, in one compiled step.
 
-Source of the social force: Helbing & Molnar 1995, with the figures of Helbing et al. 2000 scaled to
-pedestrians who walk at half a metre a second.
+Source of the social force: Helbing & Molnar 1995, with the figures of Helbing et al. 2000, scaled
+to pedestrians who walk at 0.5 m/s.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from simloop.messages import FloatArray
 
 PATH, CONSTANT, WALK, PEDESTRIAN = range(4)
-_RELAX_S = 0.5  # time constant with which a pedestrian reaches the velocity that it wants
+_RELAX_S = 0.5  # time constant with which a pedestrian reaches its desired velocity
 _PUSH_MPS2 = 2.0  # social force per mass at contact
 _PUSH_DECAY_M = 0.25  # distance over which the force falls to 1/e
-_PUSH_RANGE_M = 2.0
-_ARRIVED_M = 0.3
-_NEW_AIM_S = 15.0  # after which a pedestrian that has not arrived takes another aim
+_PUSH_RANGE_M = 2.0  # distance beyond which there is no force
+_ARRIVED_M = 0.3  # distance from its aim at which a pedestrian has arrived
+_NEW_AIM_S = 15.0  # time after which a pedestrian that has not arrived takes another aim
 
 
 class MoverStates(NamedTuple):
@@ -31,9 +31,9 @@ class MoverStates(NamedTuple):
         kind: (n,) PATH, CONSTANT, WALK or PEDESTRIAN.
         place: (n, 2) x, y in map, m.
         velocity: (n, 2) in map, m/s.
-        aim: (n, 2) where a pedestrian goes to, in map, m.
-        pace: (n,) the speed that a pedestrian wants and does not exceed, m/s.
-        radius: (n,) m.
+        aim: (n, 2) place to which a pedestrian walks, in map, m.
+        pace: (n,) desired and greatest speed of a pedestrian, m/s.
+        radius: (n,) radius of the mover, m.
         turn: (n,) standard deviation of a walk's heading, rad per square root of a second.
         aimed_s: (n,) time since the aim was taken, s.
     """
@@ -49,12 +49,12 @@ class MoverStates(NamedTuple):
 
 
 class FloorField(NamedTuple):
-    """Distances to what stands, on a raster.
+    """Distances to the obstacles, on a raster.
 
     Attributes:
         distance: (rows, cols) float32, [iy, ix], at the centres of the cells, m.
-        x: of the lower left corner of the first cell in map, m.
-        y: of the same corner, m.
+        x: x of the lower left corner of the first cell in map, m.
+        y: y of the same corner, m.
         cell: size of a cell, m.
         bounds: (4,) x_min, y_min, x_max, y_max of the free floor in map, m.
     """
@@ -70,13 +70,13 @@ class RobotOutline(NamedTuple):
     """The robot's true rectangle at its true pose, with which movers collide.
 
     Attributes:
-        x: of base_link in map, m.
-        y: of base_link in map, m.
-        yaw: rad.
-        half_length: m.
-        half_width: m.
-        depth: how deep in the rectangle a mover is that touches the robot, m: between the tracks,
-            the robot's front lies some centimetres behind the rectangle's.
+        x: x of base_link in map, m.
+        y: y of base_link in map, m.
+        yaw: yaw of base_link in map, rad.
+        half_length: half the length, m.
+        half_width: half the width, m.
+        depth: depth in the rectangle at which a mover touches the robot, m. Between the tracks, the
+            robot's front is some centimetres behind the rectangle's front.
     """
 
     x: float
@@ -89,17 +89,17 @@ class RobotOutline(NamedTuple):
 
 @njit(cache=True)
 def clearance_at(floor: FloorField, x: float, y: float) -> tuple[float, float, float]:
-    """The distance from a point to the nearest obstacle or bound, and the direction away from it.
+    """Compute the distance to the nearest obstacle or bound, and the direction away from it.
 
     Args:
-        floor: the raster of distances; between cells they are interpolated.
+        floor: the raster of distances. Between cells they are interpolated.
         x: in map, m.
         y: in map, m.
 
     Returns:
-        Distance, m, and the unit vector x, y away from what is nearest; 0, 0 if there is none.
+        Distance, m, and the unit vector x, y away from the nearest; 0, 0 if there is none.
     """
-    # Bilinear interpolation of the distance; its gradient points away from what is nearest.
+    # Interpolate the distance bilinearly. Its gradient points away from the nearest obstacle.
     rows, cols = floor.distance.shape
     u = min(max((x - floor.x) / floor.cell - 0.5, 0.0), cols - 1.001)
     v = min(max((y - floor.y) / floor.cell - 0.5, 0.0), rows - 1.001)
@@ -119,7 +119,7 @@ def clearance_at(floor: FloorField, x: float, y: float) -> tuple[float, float, f
         (right - x, -1.0, 0.0),
         (high - y, 0.0, -1.0),
     ):
-        if not room <= side:  # true as well for inf and NaN, where nothing stands
+        if not room <= side:  # also true for inf and NaN, where there is no obstacle
             room, gx, gy = side, ax, ay
     size = math.hypot(gx, gy)
     if not size > 1e-9:
@@ -129,17 +129,17 @@ def clearance_at(floor: FloorField, x: float, y: float) -> tuple[float, float, f
 
 @njit(cache=True)
 def gap_to_outline(robot: RobotOutline, x: float, y: float) -> tuple[float, float, float]:
-    """The distance from the robot's rectangle to a point, and the direction towards the point.
+    """Compute the distance from the robot's rectangle to a point, and the direction to the point.
 
     Args:
         robot: the rectangle at its pose.
-        x: of the point in map, m.
-        y: of the point in map, m.
+        x: x of the point in map, m.
+        y: y of the point in map, m.
 
     Returns:
         Distance, m, negative inside, and the outward unit vector x, y in map.
     """
-    # In the robot's frame, mirrored into the first quadrant.
+    # Transform the point to the robot's frame, mirrored into the first quadrant.
     cos, sin = math.cos(robot.yaw), math.sin(robot.yaw)
     along = cos * (x - robot.x) + sin * (y - robot.y)
     aside = cos * (y - robot.y) - sin * (x - robot.x)
@@ -151,14 +151,14 @@ def gap_to_outline(robot: RobotOutline, x: float, y: float) -> tuple[float, floa
         gap, nx, ny = dx, 1.0, 0.0
     else:
         gap, nx, ny = dy, 0.0, 1.0
-    # Back into the point's own quadrant, and to map.
+    # Mirror back to the point's own quadrant, and rotate to map.
     nx, ny = math.copysign(nx, along), math.copysign(ny, aside)
     return gap, cos * nx - sin * ny, sin * nx + cos * ny
 
 
 @njit(cache=True)
 def _reflect(velocity: FloatArray, nx: float, ny: float) -> None:
-    """Reflects a velocity (2,) that leads into a surface with the normal (nx, ny)."""
+    """Reflect a velocity (2,) that points into a surface with the normal (nx, ny)."""
     into = velocity[0] * nx + velocity[1] * ny
     if into < 0.0:
         velocity[0] -= 2.0 * into * nx
@@ -167,7 +167,7 @@ def _reflect(velocity: FloatArray, nx: float, ny: float) -> None:
 
 @njit(cache=True)
 def _push(force: FloatArray, gap: float, nx: float, ny: float) -> None:
-    """Adds the social force of something at a distance ``gap`` to ``force`` (2,), m/s^2."""
+    """Add the social force of something at a distance ``gap`` to ``force`` (2,), m/s^2."""
     if gap < _PUSH_RANGE_M:
         size = _PUSH_MPS2 * math.exp(-max(gap, -_PUSH_DECAY_M) / _PUSH_DECAY_M)
         force[0] += size * nx
@@ -183,14 +183,14 @@ def _steer_pedestrian(
     force: FloatArray,
     dt: float,
 ) -> None:
-    """Updates a pedestrian's velocity by the social force. force: (2,), overwritten."""
+    """Update a pedestrian's velocity with the social force. force: (2,), overwritten."""
     place, velocity = movers.place[i], movers.velocity[i]
-    # It is drawn to its aim,
+    # The aim attracts the pedestrian.
     dx, dy = movers.aim[i, 0] - place[0], movers.aim[i, 1] - place[1]
     far = max(math.hypot(dx, dy), 1e-6)
     force[0] = (movers.pace[i] * dx / far - velocity[0]) / _RELAX_S
     force[1] = (movers.pace[i] * dy / far - velocity[1]) / _RELAX_S
-    # and pushed away by other movers, by the robot and by what stands.
+    # Other movers, the robot and the obstacles repel it.
     for k in range(movers.kind.shape[0]):
         if k != i:
             ox, oy = place[0] - movers.place[k, 0], place[1] - movers.place[k, 1]
@@ -208,9 +208,9 @@ def _steer_pedestrian(
 
 @njit(cache=True)
 def _collide(movers: MoverStates, i: int, floor: FloorField, robot: RobotOutline) -> None:
-    """Reflects a mover from what it touches: what stands, other movers, the robot."""
+    """Reflect a mover from what it touches: obstacles, other movers, the robot."""
     place, velocity, radius = movers.place[i], movers.velocity[i], movers.radius[i]
-    # Out of what stands, by as much as it has entered.
+    # Move it out of an obstacle by the depth to which it has entered.
     room, nx, ny = clearance_at(floor, place[0], place[1])
     if room < radius:
         _reflect(velocity, nx, ny)
@@ -221,7 +221,7 @@ def _collide(movers: MoverStates, i: int, floor: FloorField, robot: RobotOutline
         apart = math.hypot(ox, oy)
         if k != i and 1e-9 < apart < radius + movers.radius[k]:
             _reflect(velocity, ox / apart, oy / apart)
-    # Only at the robot's real surface, so that the referee sees the contact first.
+    # Reflect only at the robot's real surface, so that the referee sees the contact first.
     gap, nx, ny = gap_to_outline(robot, place[0], place[1])
     if gap < radius - robot.depth:
         _reflect(velocity, nx, ny)
@@ -236,11 +236,11 @@ def advance(
     uniform: FloatArray,
     dt: float,
 ) -> None:
-    """Moves all movers except those on paths by one period, in place.
+    """Move all movers except those on paths by one period, in place.
 
     Args:
         movers: their states, changed in place.
-        floor: what stands.
+        floor: distances to the obstacles.
         robot: the robot's rectangle at its present pose.
         normal: (n,) new draws from the standard normal distribution.
         uniform: (n, 2) new draws from [0, 1).
@@ -262,7 +262,7 @@ def advance(
             dx, dy = movers.aim[i, 0] - place[0], movers.aim[i, 1] - place[1]
             there = math.hypot(dx, dy) < _ARRIVED_M
             if there or movers.aimed_s[i] > _NEW_AIM_S:
-                # A new aim, if the one drawn is free; else it draws again in the next period.
+                # Take a new aim if the one drawn is free; else draw again in the next period.
                 x = floor.bounds[0] + uniform[i, 0] * (floor.bounds[2] - floor.bounds[0])
                 y = floor.bounds[1] + uniform[i, 1] * (floor.bounds[3] - floor.bounds[1])
                 if clearance_at(floor, x, y)[0] > movers.radius[i] + _ARRIVED_M:

@@ -1,4 +1,4 @@
-"""Draws a crowd: where each mover starts, how fast it is, and where it goes."""
+"""Draw a random crowd: the start, the speed and the motion of each mover."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from simloop.worlds.floor_plan import FloorPlan, distance_to_bounds
 from simloop.worlds.movers.settings import Crowd, Mover
 
 _TRIALS = 500
-_APART_M = 0.1
-_CORNERS = 4  # of a closed path
+_APART_M = 0.1  # least distance of a mover from obstacles, and from other movers at the start
+_CORNERS = 4  # number of corners of a closed path
 
 
 def draw_crowd(
     crowd: Crowd, floor: FloorPlan, start: Sequence[float], rng: np.random.Generator
 ) -> tuple[Mover, ...]:
-    """Draws movers that touch nothing at first and keep a distance from the robot's start.
+    """Draw movers that touch nothing at first and keep a distance from the robot's start.
 
     Args:
-        crowd: how many movers, and how they move.
-        floor: what stands.
+        crowd: number and motions of the movers.
+        floor: the floor plan.
         start: (2,) or (3,) x, y, ... of the robot in map, m.
-        rng: the source of all draws.
+        rng: random generator of all draws.
 
     Returns:
-        The movers, of each of the crowd's motions in turn.
+        The movers. They have the crowd's motions in turn.
 
     Raises:
-        ValueError: if there is no place for so many.
+        ValueError: there is not enough room for all movers.
     """
     drawn: list[Mover] = []
     for number in range(crowd.count):
@@ -63,7 +63,7 @@ def _place(
     radius: float,
     rng: np.random.Generator,
 ) -> FloatArray:
-    """(2,) a free place for the next mover."""
+    """Draw a free place (2,) for the next mover."""
     for _ in range(_TRIALS):
         place = rng.uniform(floor.bounds_m[:2], floor.bounds_m[2:])
         if (
@@ -81,7 +81,7 @@ def _place(
 def _round_trip(
     floor: FloorPlan, place: FloatArray, radius: float, speed: float, rng: np.random.Generator
 ) -> tuple[tuple[float, float, float], ...]:
-    """Keys (t, x, y) of a closed path over a few corners, clear of what stands."""
+    """Draw keys (t, x, y) of a closed path over a few corners, clear of obstacles."""
     corners = [place]
     for _ in range(_TRIALS):
         if len(corners) == _CORNERS:
@@ -98,12 +98,12 @@ def _round_trip(
 
 
 def _clear(floor: FloorPlan, a: FloatArray, b: FloatArray, radius: float) -> bool:
-    """Whether a mover can go straight from a (2,) to b (2,)."""
+    """Tell whether a mover can go straight from a (2,) to b (2,)."""
     share = np.linspace(0.0, 1.0, 2 + int(math.dist(a, b) / 0.05))[:, None]
     return _room(floor, a + share * (b - a)) > radius + _APART_M
 
 
 def _room(floor: FloorPlan, places: FloatArray) -> float:
-    """The least distance, m, of places (..., 2) to what stands or to the floor's bounds."""
+    """Compute the least distance, m, of places (..., 2) to obstacles or to the floor's bounds."""
     sides = distance_to_bounds(places, floor.bounds_m).min()
     return float(min(floor.clearance_m(places).min(), sides))

@@ -1,4 +1,4 @@
-"""What a scenario says of things that move: ``[[movers]]``, ``[crowd]`` and ``[goal_motion]``."""
+"""A scenario's settings of moving things: ``[[movers]]``, ``[crowd]`` and ``[goal_motion]``."""
 
 from __future__ import annotations
 
@@ -18,13 +18,14 @@ Key = tuple[Annotated[float, Field(ge=0.0, le=1e6)], Coordinate, Coordinate]
 
 
 def check_keys(keys: tuple[Key, ...]) -> None:
-    """Checks the keys of a path.
+    """Check the keys of a path.
 
     Args:
         keys: (t, x, y) each, s, m, m.
 
     Raises:
-        ValueError: unless there are two or more, in order of time, the first at t = 0.
+        ValueError: there are fewer than two, they are not in order of time, or the first is not
+            at t = 0.
     """
     if len(keys) < 2 or keys[0][0] != 0.0:
         raise ValueError("keys_txy: give two keys (t, x, y) or more, the first at t = 0")
@@ -34,21 +35,21 @@ def check_keys(keys: tuple[Key, ...]) -> None:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Mover:
-    """An upright cylinder that moves by itself; physics does not stop it.
+    """An upright cylinder that moves by itself. Physics does not stop it.
 
     Attributes:
-        motion: ``path``: along keys, through whatever is there; after a touch of the robot it goes
-            back and waits. ``constant``: straight on; it bounces off all that it touches.
-            ``walk``: the same, with a heading that is a random walk. ``pedestrian``: to random
-            places; it keeps clear of walls, movers and robot by a social force.
-        position_m: x, y in map at first, m; not for a path.
-        keys_txy: (t, x, y) of a path, s, m, m; straight between keys, over and over.
-        speed_mps: of a pedestrian the greatest speed, m/s; not for a path.
-        heading_rad: at first, of ``constant`` and ``walk``, rad.
+        motion: ``path``: along keys, through any obstacle; after it touches the robot it goes back
+            and waits. ``constant``: straight; it bounces off everything it touches. ``walk``: the
+            same, with a random walk of the heading. ``pedestrian``: to random places; a social
+            force keeps it clear of walls, movers and robot.
+        position_m: initial x, y in map, m; not for a path.
+        keys_txy: (t, x, y) of a path, s, m, m; straight between keys, repeated.
+        speed_mps: speed, m/s; the greatest speed of a pedestrian; not for a path.
+        heading_rad: initial heading of ``constant`` and ``walk``, rad.
         turn_rad: standard deviation of a walk's heading after one second, rad.
-        pushes: whether a mover on a path goes on after it has touched the robot.
-        diameter_m: m.
-        height_m: m.
+        pushes: whether a mover on a path continues after it has touched the robot.
+        diameter_m: diameter, m.
+        height_m: height, m.
     """
 
     motion: Motion
@@ -65,14 +66,14 @@ class Mover:
     def _has_a_place(self) -> Mover:
         on_path, has_place = self.motion == "path", self.position_m is not None
         if on_path != bool(self.keys_txy) or on_path == has_place:
-            raise ValueError("a path needs keys_txy, any other motion a position_m")
+            raise ValueError("a path needs keys_txy; any other motion needs position_m")
         if self.keys_txy:
             check_keys(self.keys_txy)
         return self
 
     @property
     def start_m(self) -> Point:
-        """x, y in map at the beginning, m."""
+        """Initial x, y in map, m."""
         return self.position_m or self.keys_txy[0][1:]
 
 
@@ -81,12 +82,12 @@ class Crowd:
     """Movers that are drawn from the scenario's seed.
 
     Attributes:
-        count: how many.
+        count: number of movers.
         motions: the kinds of motion, in turn.
-        speed_mps: least and greatest, m/s.
-        diameter_m: least and greatest, m.
-        height_m: of all, m.
-        apart_m: least distance from the robot's start at first, m.
+        speed_mps: least and greatest speed, m/s.
+        diameter_m: least and greatest diameter, m.
+        height_m: height of all movers, m.
+        apart_m: least initial distance from the robot's start, m.
     """
 
     count: Annotated[int, Field(ge=1, le=200)] = 12
@@ -112,15 +113,15 @@ class Crowd:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class GoalMotion:
-    """A goal that moves like a ``Mover``; the robot is told where it is.
+    """A goal that moves like a ``Mover``. The robot gets readings of its place.
 
     Attributes:
         motion: path, constant or walk.
-        speed_mps: m/s; not for a path.
-        heading_rad: at first, rad.
+        speed_mps: speed, m/s; not for a path.
+        heading_rad: initial heading, rad.
         turn_rad: standard deviation of a walk's heading after one second, rad.
         keys_txy: (t, x, y) of a path, s, m, m; the first is at the scenario's goal.
-        room_m: distance that the goal keeps from all that stands, m.
+        room_m: distance that the goal keeps from all obstacles, m.
         period_s: time between two readings, s.
         noise_m: standard deviation of a reading on each axis, m.
     """
@@ -137,7 +138,7 @@ class GoalMotion:
     @model_validator(mode="after")
     def _has_keys(self) -> GoalMotion:
         if (self.motion == "path") != bool(self.keys_txy):
-            raise ValueError("keys_txy: a path needs them, and no other motion has them")
+            raise ValueError("keys_txy: required for a path, not allowed for any other motion")
         if self.keys_txy:
             check_keys(self.keys_txy)
         return self
