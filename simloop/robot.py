@@ -281,6 +281,7 @@ class Robot:
             doing,
             0.0 if health.current.halts else self._watchdog.speed_cap_mps,
             self._may_reverse,
+            self._low is not None,
             not self._tracker.arrived,
             stuck,
             self._recovery.towards,
@@ -294,6 +295,7 @@ class Robot:
         """Whether the robot frees itself now; begins and ends a recovery."""
         recovery = self._recovery
         if self._localiser.health.current.halts:
+            recovery.is_stuck(estimate, wants_to_move=False)  # who has to stand is not stuck
             return False
         if recovery.active:
             if not recovery.goes_on(estimate):

@@ -123,3 +123,31 @@ def test_it_does_not_touch_the_room():
     run = KinematicRun(goal=(3.2, 1.4)).run(15.0)
     assert run.robot.status is RobotStatus.ARRIVED
     assert ROOM.ranges(run.pose).min() > 0.25
+
+
+LANE = Room(*box(-3.0, -0.33, 0.6, 0.33))
+
+
+@pytest.mark.parametrize("camera", [False, True])
+def test_out_of_a_dead_end_it_reverses_only_where_it_has_been_or_sees_all_round(camera):
+    """Too narrow to turn in, with the goal behind: a camera looks ahead only."""
+    run = KinematicRun(goal=(-2.0, 0.0), room=LANE, camera=camera).run(4.0)
+    slowest = min(command.speed_mps for command in run.commands)
+    assert slowest >= 0.0 if camera else slowest < -0.1
+
+
+def test_with_a_camera_it_drives_and_arrives_too():
+    run = KinematicRun(camera=True).run(12.0)
+    assert run.robot.status is RobotStatus.ARRIVED
+
+
+def test_put_down_elsewhere_it_stands_finds_itself_and_arrives():
+    walls = (*box(-1.0, -2.0, 4.0, 2.0), *box(-1.0, 0.6, 1.2, 2.0))
+    run = KinematicRun(goal=(3.0, 1.0), room=Room(*walls)).run(3.0)
+    run.pose = np.array([3.2, -1.2, 2.0])
+    run.run(3.0)
+    texts = [event.text for event in run.said(Event)]
+    assert any("found its pose" in text for text in texts), texts
+    run.run(20.0)
+    assert run.robot.status is RobotStatus.ARRIVED
+    assert math.dist(run.pose[:2], (3.0, 1.0)) < 0.12

@@ -40,6 +40,7 @@ from simloop.config.simulation import (
 
 __all__ = [
     "MOVED_KEYS",
+    "REMOVED_KEYS",
     "CameraConfig",
     "Config",
     "DriveConfig",
@@ -92,6 +93,16 @@ class Config:
     watchdog: WatchdogConfig = Field(default_factory=WatchdogConfig)
 
     @model_validator(mode="after")
+    def _limits_agree(self) -> Config:
+        """What is counted on must be commanded: brakes of separation, speed of recovery."""
+        drive = self.drive
+        if self.separation.decel_mps2 > drive.max_brake_mps2:
+            raise reject("separation.decel_mps2 is above drive.max_brake_mps2")
+        if self.recovery.back_off_mps > drive.max_speed_mps:
+            raise reject("recovery.back_off_mps is above drive.max_speed_mps")
+        return self
+
+    @model_validator(mode="after")
     def _camera_keeps_the_beat(self) -> Config:
         if self.camera.enabled:
             period, beat = self.camera.period_s, self.rates.control_s
@@ -122,3 +133,8 @@ MOVED_KEYS = {
     "tracker.back_off_mps": "recovery.back_off_mps",
 }
 """Old key -> present key. Older scenario files use the old keys; both are read."""
+
+REMOVED_KEYS = {
+    "low_obstacles.plane_m": "the LiDAR's height is read from the vehicle's model",
+}
+"""Keys of older scenario files that have no effect any more, each with the reason."""

@@ -46,9 +46,11 @@ from simloop.geometry.se2 import transform_points
 from simloop.messages import FloatArray, Mode, MoverTracks, Velocity
 
 STILL = Velocity(0.0, 0.0)
-_SPEEDS_MPS = (0.2, -0.2, 0.4, -0.4)  # of the fan, with the speed of a recovery and none
-_RATES_RADPS = (0.0, 0.3, -0.3, 0.7, -0.7, 1.2, -1.2)
-_RECOVERY_RATE_RADPS = 0.7  # largest yaw rate of a robot that frees itself
+# Speeds and yaw rates of the fan, as shares of the largest ones. The speed of a recovery and
+# turning on the spot come besides.
+_SPEED_SHARES = (0.425, -0.425, 0.85, -0.85)
+_RATE_SHARES = (0.0, 0.19, -0.19, 0.44, -0.44, 0.75, -0.75)
+_RECOVERY_RATE_SHARE = 0.44  # largest yaw rate of a robot that frees itself
 _ARC_S = 1.5  # duration of the fan's arcs
 _CLEAR_S = 1.0  # duration for which an evasive arc must be free of what stands
 _WAY_OUT_KEPT_NS = 400_000_000
@@ -68,6 +70,8 @@ class Situation:
         doing: What the velocity that is asked for is meant to do.
         speed_cap_mps: Largest speed, m/s; 0 while the robot must not drive.
         may_reverse: Whether it may go backwards.
+        reverses_straight_only: Whether it may go backwards only on the way that it came, and not
+            on an arc of its own choice.
         may_evade: Whether it may leave its place to get out of something's way.
         stuck: Whether it is freeing itself.
         towards: (2,) in map, m: where the path leads next, for a robot that is stuck.
@@ -80,6 +84,7 @@ class Situation:
     doing: Mode
     speed_cap_mps: float = math.inf
     may_reverse: bool = True
+    reverses_straight_only: bool = False
     may_evade: bool = True
     stuck: bool = False
     towards: FloatArray | None = None
@@ -109,8 +114,12 @@ class VelocityArbiter:
         self._accelerations = np.array([drive.max_accel_mps2, drive.max_yaw_accel_radps2])
         self._rate_per_speed = drive.max_yaw_rate_radps / drive.max_speed_mps
         self._recovery_mps = recovery.back_off_mps
-        speeds = (-recovery.back_off_mps, recovery.back_off_mps, 0.0, *_SPEEDS_MPS)
-        self._fan = np.array([(v, w) for v in speeds for w in _RATES_RADPS if v or w])
+        self._recovery_radps = _RECOVERY_RATE_SHARE * drive.max_yaw_rate_radps + 1e-9
+        shares = (share * drive.max_speed_mps for share in _SPEED_SHARES)
+        speeds = (-recovery.back_off_mps, recovery.back_off_mps, 0.0, *shares)
+        rates = [share * drive.max_yaw_rate_radps for share in _RATE_SHARES]
+        self._fan = np.array([(v, w) for v in speeds for w in rates if v or w])
+        self._top_mps = drive.max_speed_mps
         self._way_out, self._way_out_until_ns = STILL, 0
         self._evasion, self._evasion_until_ns = STILL, 0
         self._movers_hinder = False
@@ -161,8 +170,10 @@ class VelocityArbiter:
         """The part of a velocity that cap and reversing permit, on the same arc."""
         speed, rate = wanted
         if speed < 0.0 and not now.may_reverse:
-            speed = 0.0
+            return STILL
         cap = now.speed_cap_mps
+        if cap >= self._top_mps:
+            return Velocity(min(max(speed, -self._top_mps), self._top_mps), rate)
         part = 1.0
         if abs(speed) > cap:
             part = cap / abs(speed)
@@ -247,7 +258,7 @@ class VelocityArbiter:
         """The arc that is worth most to a robot that is stuck; kept for a while."""
         if now.t_ns >= self._way_out_until_ns:
             slow = np.abs(self._fan[:, 0]) <= self._recovery_mps
-            gentle = np.abs(self._fan[:, 1]) <= _RECOVERY_RATE_RADPS
+            gentle = np.abs(self._fan[:, 1]) <= self._recovery_radps
             found = examine_fan(self._fan, now.near_points_m, self._limits, _ARC_S)
             self._way_out = self._best_of(found, GET_FREE, now, slow & gentle, STILL) or STILL
             self._way_out_until_ns = now.t_ns + _WAY_OUT_KEPT_NS
@@ -262,8 +273,11 @@ class VelocityArbiter:
         asked: Velocity,
     ) -> Velocity | None:
         """The velocity of the fan that is worth most; None if none is eligible."""
+        forward = self._fan[:, 0] >= 0.0
         if not now.may_reverse:
-            eligible = eligible & (self._fan[:, 0] >= 0.0)
+            eligible = eligible & forward
+        elif now.reverses_straight_only:
+            eligible = eligible & (forward | (self._fan[:, 1] == 0.0))
         if not eligible.any():
             return None
         off = np.abs(self._fan - np.array(asked))

@@ -72,25 +72,6 @@ def points_in(pose: FloatArray, seen_from: FloatArray, points: FloatArray) -> Fl
 
 
 @njit(cache=True)
-def nearer_than(points: FloatArray, reach: float) -> FloatArray:
-    """Select the points within a distance of the origin, in place.
-
-    Args:
-        points: (n, 2) x, y, m; overwritten.
-        reach: The distance, m.
-
-    Returns:
-        (k, 2) the selected points: a view of the first rows of ``points``.
-    """
-    k = 0
-    for i in range(points.shape[0]):
-        if points[i, 0] ** 2 + points[i, 1] ** 2 <= reach * reach:
-            points[k] = points[i]
-            k += 1
-    return points[:k]
-
-
-@njit(cache=True)
 def near_points(points: FloatArray, pose: FloatArray, near_m: float) -> FloatArray:
     """Select the points within a distance of a pose, and transform them to map.
 

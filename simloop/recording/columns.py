@@ -49,8 +49,9 @@ _SERIES: dict[str, Series] = {
     "clearance": (SmoothPath, ("least",), _column(lambda m: np.min(m.clearance_m, initial=np.inf))),
     "plan_cost": (
         Plan,
-        ("cost", "length, m", "turning, rad"),
-        _column(lambda m: (m.cost, m.length_m, m.turning_rad)),
+        ("cost of the path", "length, m", "turning, rad"),
+        # Without the turn at the start, which the exact optimum beside it does not know either.
+        _column(lambda m: (m.path_cost, m.length_m, m.turning_rad)),
     ),
     "plan_effort": (
         Plan,

@@ -78,7 +78,7 @@ class RerunRecorder:
         self._file = file = RecordingFile(Path(path), blueprint, scene.title)
         self._kept: defaultdict[type, list[Any]] = defaultdict(list)
         self._due_ns = _FLUSH_NS
-        self._sprocket_radius_m = scene.vehicle.sprocket_radius_m
+        self._sprocket_radius_m = scene.sprocket_radius_m
         self._series = plotted_series(scene.road_wheels)
         self._poses, self._events = PoseWriter(file, scene.start), EventWriter(file)
         log_scene(file, scene)

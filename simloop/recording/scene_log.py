@@ -60,7 +60,7 @@ def log_scene(file: RecordingFile, scene: Scene) -> None:
             file.log_static(entity, rr.Transform3D(translation=body.position_m, quaternion=turn))
             entities[body.name] = f"{entity}/turned"
     _log_shapes(file, scene.shapes, entities)
-    x, y = 0.5 * scene.vehicle.length_m, 0.5 * scene.vehicle.width_m
+    x, y = 0.5 * scene.outline_m[0], 0.5 * scene.outline_m[1]
     ring = [[-x, -y, 0.005], [x, -y, 0.005], [x, y, 0.005], [-x, y, 0.005], [-x, -y, 0.005]]
     outline = rr.LineStrips3D([ring], colors=_TRUE_COLOUR, radii=0.008)
     file.log_static(f"{MAP}/truth/footprint", outline)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simloop.messages import FloatArray
-from simloop.physics.vehicle_geoms import is_free, road_wheels
+from simloop.physics.vehicle_geoms import is_free, road_wheels, sprocket_radius
 from simloop.recording.shapes import Body, Scene, Shape, ShapeKind
 from simloop.scenario.build import World
 from simloop.scenario.scenario import Scenario
@@ -44,7 +44,8 @@ def scene_of(scenario: Scenario, world: World) -> Scene:
         model.site("lidar").pos,
         len(road_wheels(model)) // 2,
         model.site("camera").pos if scenario.config.camera.enabled else None,
-        scenario.config.vehicle,
+        (world.body.length_m, world.body.width_m),
+        sprocket_radius(model),
         title_of(scenario),
     )
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simloop.config import VehicleConfig
 from simloop.messages import FloatArray
 
 ShapeKind = Literal["plane", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh"]
@@ -72,7 +71,8 @@ class Scene:
         laser_m: (3,) position of the LiDAR in base_link, m.
         road_wheels: Number of road wheels of each track.
         camera_m: (3,) position of the depth camera in base_link, m; None if there is none.
-        vehicle: Size of the vehicle.
+        outline_m: True length and width of the vehicle, m.
+        sprocket_radius_m: True radius of its sprockets, m.
         title: Title of the recording.
     """
 
@@ -84,5 +84,6 @@ class Scene:
     laser_m: FloatArray
     road_wheels: int
     camera_m: FloatArray | None = None
-    vehicle: VehicleConfig = field(default_factory=VehicleConfig)
+    outline_m: tuple[float, float] = (0.49, 0.465)
+    sprocket_radius_m: float = 0.037
     title: str = ""

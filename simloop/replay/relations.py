@@ -9,7 +9,6 @@ rotations, are averaged over all relations.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -166,15 +165,3 @@ def relation_errors(t_s: FloatArray, poses: FloatArray, relations: FloatArray) -
         count,
         len(relations) - count,
     )
-
-
-def format_relations(relations: Sequence[Sequence[float]]) -> str:
-    """Format relations as lines for ``read_relations``.
-
-    Args:
-        relations: rows of 5 or 8 numbers.
-
-    Returns:
-        The lines.
-    """
-    return "".join(" ".join(f"{number:.9g}" for number in row) + "\n" for row in relations)

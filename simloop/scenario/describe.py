@@ -110,7 +110,7 @@ def _clutter(scenario: Scenario, world: mujoco.MjSpec) -> list[Obstacle]:
         bounds_of_spec(world),
         body,
         scenario.clutter.count,
-        scenario.config.planner.safe_distance_m,
+        scenario.clutter.clearance_m,
         # The bounds represent the walls.
         [section for section in standing if not section.name.startswith("wall")],
     )

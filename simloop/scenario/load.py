@@ -15,7 +15,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from simloop.common.errors import InputError, did_you_mean
 from simloop.common.map_server import read_cells
-from simloop.config import MOVED_KEYS, Config
+from simloop.config import MOVED_KEYS, REMOVED_KEYS, Config
 from simloop.planners import registry
 from simloop.scenario.catalog import arena_files, planner_names, scenario_files
 from simloop.scenario.explain import one_line, short_value, shorten
@@ -64,7 +64,7 @@ def load(
 
 
 def _move_old_keys(table: dict[str, Any], source: str) -> None:
-    """Move the values of old keys to the present keys, in place."""
+    """Move the values of old keys to the present keys and drop keys without effect, in place."""
     for old, new in MOVED_KEYS.items():
         section, _, key = old.partition(".")
         holder = table.get(section)
@@ -75,6 +75,11 @@ def _move_old_keys(table: dict[str, Any], source: str) -> None:
         if not isinstance(target, dict) or new_key in target:
             raise InputError(f"{source}: {old} is now {new}: give only one of them")
         target[new_key] = holder.pop(key)
+    for old in REMOVED_KEYS:
+        section, _, key = old.partition(".")
+        holder = table.get(section)
+        if isinstance(holder, dict):
+            holder.pop(key, None)
 
 
 def _make_paths_full(table: dict[str, Any], folder: Path) -> None:

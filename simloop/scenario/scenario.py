@@ -41,10 +41,12 @@ class Clutter:
     Attributes:
         count: number of obstacles.
         unseen: share of them that the LiDAR's plane misses, 0 to 1.
+        clearance_m: half width of the way from start to goal that stays free, m.
     """
 
     count: Annotated[int, Field(ge=1, le=200)] = 12
     unseen: Fraction = 0.0
+    clearance_m: Annotated[float, Field(gt=0.0, le=5.0)] = 0.26
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from hypothesis import strategies as st
 
 from simloop.config import SeparationConfig
 from simloop.control.arbiter import STILL
-from simloop.control.separation import gap_after, mover_discs
+from simloop.control.separation import gap_after, mover_discs, safe_part, stays_clear
 from simloop.messages import Mode, MoverTracks, Velocity
 
 TICK_NS, TICK_S = 10_000_000, 0.01
@@ -75,11 +76,16 @@ def moved(pose, velocity):
     return np.array([pose[0] + cos * x - sin * y, pose[1] + sin * x + cos * y, pose[2] + turned])
 
 
-def drive(requests, points, tracks=None, ticks=15, **others):
-    """Poses, velocities and modes of a robot that is asked for one velocity after another."""
+def drive(requests, points, tracks=None, ticks=15, surprise=None, **others):
+    """Poses, velocities and modes of a robot that is asked for one velocity after another.
+
+    surprise: (n, 2) points in map that are there only from the second request on.
+    """
     arbiter, pose, last = arbiter_of(), np.zeros(3), STILL
     out = []
     for k, (request, more) in enumerate(requests):
+        if k == 1 and surprise is not None:
+            points = np.concatenate((points, surprise))
         for j in range(ticks):
             t_ns = (k * ticks + j) * TICK_NS
             movers = None if tracks is None else tracks_after(tracks, t_ns)
@@ -103,17 +109,28 @@ requests = st.lists(
 )  # fmt: skip
 
 
-@given(requests, points_about(), st.none() | movers_about())
-@settings(max_examples=150, deadline=None)
-def test_every_period_keeps_the_limits_of_acceleration_in_every_mode(wanted, points, tracks):
-    for _, last, chosen, _, _ in drive(wanted, points, tracks):
+@given(requests, points_about(), points_about(), st.none() | movers_about())
+@settings(max_examples=200, deadline=None)
+def test_every_period_keeps_the_limits_of_acceleration_in_every_mode(
+    wanted, points, surprise, tracks
+):
+    for _, last, chosen, _, _ in drive(wanted, points, tracks, surprise=surprise):
         faster = abs(chosen.speed_mps) > abs(last.speed_mps)
         most = (DRIVE.max_accel_mps2 if faster else DRIVE.max_brake_mps2) * TICK_S
         assert abs(chosen.speed_mps - last.speed_mps) <= most + 1e-9
         change = abs(chosen.yaw_rate_radps - last.yaw_rate_radps)
         assert change <= DRIVE.max_yaw_accel_radps2 * TICK_S + 1e-9
         assert abs(chosen.yaw_rate_radps) <= DRIVE.max_yaw_rate_radps + 1e-9
-        assert abs(chosen.speed_mps) <= max(0.6, abs(last.speed_mps)) + 1e-9
+        assert abs(chosen.speed_mps) <= DRIVE.max_speed_mps + 1e-9
+
+
+def test_before_a_wall_that_appears_too_near_it_brakes_no_harder_than_it_may():
+    wall = np.column_stack((np.full(41, 0.8), np.linspace(-0.4, 0.4, 41)))
+    ahead = (Velocity(0.47, 0.0), {})
+    run = drive([ahead, ahead], np.empty((0, 2)), ticks=100, surprise=wall)
+    speeds = np.array([chosen.speed_mps for _, _, chosen, _, _ in run])
+    assert speeds[99] > 0.4 and speeds[-1] < 0.1
+    assert np.diff(speeds).min() >= -DRIVE.max_brake_mps2 * TICK_S - 1e-9
 
 
 @given(asked, points_about(), st.none() | movers_about(), modes, st.booleans(), st.booleans())
@@ -134,11 +151,11 @@ def test_a_cap_of_zero_brings_a_moving_robot_to_a_stand(first, then, points, tra
     assert run[-1][2] == STILL
 
 
-@given(requests, st.sampled_from([0.05, 0.15]))
-@settings(max_examples=60, deadline=None)
-def test_a_cap_holds_once_the_robot_has_slowed_down_to_it(wanted, cap):
+@given(requests, st.sampled_from([0.05, 0.15]), st.none() | movers_about())
+@settings(max_examples=120, deadline=None)
+def test_a_cap_holds_whatever_moves(wanted, cap, tracks):
     wanted = [(request, {**more, "speed_cap_mps": cap}) for request, more in wanted]
-    for _, _, chosen, _, _ in drive(wanted, np.empty((0, 2))):
+    for _, _, chosen, _, _ in drive(wanted, np.empty((0, 2)), tracks):
         assert abs(chosen.speed_mps) <= cap + 1e-9
 
 
@@ -174,23 +191,75 @@ def test_it_can_always_stop_before_anything_that_stands(wanted, points):
         assert (least > 0.0).all()
 
 
-@given(requests, movers_about())
-@settings(max_examples=100, deadline=None)
-def test_no_mover_that_goes_on_as_it_goes_meets_a_robot_that_moves(wanted, tracks):
-    """Passive safety: what comes within reach finds the robot standing, or braking to a stand."""
-    wanted = [(request, {**more, "stuck": False}) for request, more in wanted]
-    for pose, _, chosen, _, now in drive(wanted, np.empty((0, 2)), tracks):
+@given(requests, points_about(), movers_about())
+@settings(max_examples=150, deadline=None)
+def test_no_mover_meets_a_robot_that_moves(wanted, points, tracks):
+    """Passive safety: each velocity is safe among what moves, or brakes as hard as it may."""
+    limits = separation_of().limits
+    for pose, last, chosen, _, now in drive(wanted, points, tracks):
         discs = mover_discs(now.movers, now.t_ns, SeparationConfig())
+        brakes = abs(chosen.speed_mps) <= abs(last.speed_mps) + 1e-12
+        brakes &= abs(chosen.yaw_rate_radps) <= abs(last.yaw_rate_radps) + 1e-12
+        assert brakes or stays_clear(pose, *chosen, discs, limits)
         gap = min(gap_after(pose, 0.0, 0.0, 0.0, mover, HALF) for mover in discs)
         if gap <= 0.0:
             assert math.hypot(*chosen) < 0.05
+
+
+def test_a_mover_that_turns_round_at_once_meets_a_robot_that_stands():
+    """It goes away ahead of the robot, as fast as the robot drives; then it comes back."""
+    far, pace = 0.3, 0.45
+    gone = np.array([HALF[0] + 0.2 + far, 0.0])
+    tracks = MoverTracks(
+        0, np.zeros(1, int), gone[None], np.array([[pace, 0.0]]), np.array([0.2]),
+        np.zeros(1), np.array([pace]),
+    )  # fmt: skip
+    limits, discs = separation_of().limits, mover_discs(tracks, 0, SeparationConfig())
+    part = safe_part(np.zeros(3), 0.47, 0.0, discs, limits)
+    assert 0.0 < part < 1.0
+    speed = part * 0.47
+    stands_s = limits[0] + speed / limits[1]
+    way = speed * limits[0] + speed**2 / (2.0 * limits[1])
+    assert far - way >= pace * stands_s
+
+
+def test_it_evades_no_faster_than_it_may_drive():
+    slow = replace(DRIVE, max_speed_mps=0.2)
+    arbiter, last, fastest = arbiter_of(slow), STILL, 0.0
+    for k in range(150):
+        x = 1.6 - 0.4 * TICK_S * k
+        tracks = MoverTracks(
+            k * TICK_NS, np.zeros(1, int), np.array([[x, 0.0]]), np.array([[-0.4, 0.0]]),
+            np.array([0.2]), np.zeros(1), np.array([0.4]),
+        )  # fmt: skip
+        now = situation(t_ns=k * TICK_NS, movers=tracks)
+        last, _ = arbiter.choose(Velocity(0.47, 0.0), last, now)
+        fastest = max(fastest, abs(last.speed_mps))
+    assert 0.15 < fastest <= 0.2 + 1e-9
+
+
+def test_where_it_may_not_reverse_it_stands_and_does_not_turn_instead():
+    run = drive([(Velocity(-0.3, 0.7), {"may_reverse": False})], np.empty((0, 2)), ticks=30)
+    assert all(chosen == STILL for _, _, chosen, _, _ in run)
+
+
+def test_with_a_camera_it_evades_backwards_only_straight():
+    coming = MoverTracks(
+        0, np.zeros(1, int), np.array([[1.1, 0.0]]), np.array([[-0.4, 0.0]]), np.array([0.2]),
+        np.zeros(1), np.array([0.4]),
+    )  # fmt: skip
+    now = situation(movers=coming, reverses_straight_only=True)
+    chosen, mode = arbiter_of().choose(STILL, STILL, now)
+    assert mode is Mode.DODGE
+    assert chosen.speed_mps >= 0.0 or chosen.yaw_rate_radps == 0.0
 
 
 @given(asked)
 @settings(max_examples=60, deadline=None)
 def test_with_nothing_about_it_what_is_asked_is_reached(wanted):
     *_, (_, _, chosen, mode, _) = drive([(wanted, {})], np.empty((0, 2)), ticks=120)
-    assert chosen.speed_mps == pytest.approx(wanted.speed_mps)
+    top = DRIVE.max_speed_mps
+    assert chosen.speed_mps == pytest.approx(np.clip(wanted.speed_mps, -top, top))
     rate = np.clip(wanted.yaw_rate_radps, -DRIVE.max_yaw_rate_radps, DRIVE.max_yaw_rate_radps)
     assert chosen.yaw_rate_radps == pytest.approx(rate)
     assert mode is Mode.FOLLOW

@@ -9,6 +9,7 @@ import sys
 
 import numpy as np
 import pytest
+from helpers.relations import format_relations
 from helpers.rooms import Room, box
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -21,7 +22,6 @@ from simloop.replay.carmen import parse_carmen
 from simloop.replay.laser_log import ScanReader, beam_angles, usable_range_m
 from simloop.replay.read_log import read_log
 from simloop.replay.relations import (
-    format_relations,
     interpolate_poses,
     read_relations,
     relation_errors,

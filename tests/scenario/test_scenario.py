@@ -7,6 +7,7 @@ import subprocess
 import sys
 import typing
 from dataclasses import fields, is_dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -351,3 +352,22 @@ def test_every_old_key_leads_to_a_setting_that_exists():
     for new in MOVED_KEYS.values():
         section, key = new.split(".")
         assert hasattr(getattr(Config(), section), key)
+
+
+def test_a_whole_file_saved_by_an_older_version_is_the_same_run():
+    """With all keys of that time, at the places of that time."""
+    file = Path(__file__).parent / "data" / "saved_before_the_split.toml"
+    assert load(file).config == load("experiment").config
+
+
+@pytest.mark.parametrize(
+    ("override", "text"),
+    [
+        ("separation.decel_mps2=5.0", "separation.decel_mps2 is above drive.max_brake_mps2"),
+        ("recovery.back_off_mps=0.6", "recovery.back_off_mps is above drive.max_speed_mps"),
+        ("drive.max_brake_mps2=0.5", "drive.max_brake_mps2 is below drive.max_decel_mps2"),
+    ],
+)
+def test_limits_that_do_not_agree_are_refused(override, text):
+    with pytest.raises(InputError, match=text):
+        load("open", [override])

@@ -42,7 +42,7 @@ def draw_clutter(
     bounds: Sequence[float] | FloatArray,
     body: Body,
     count: int = 12,
-    safe_distance_m: float = 0.26,
+    clearance_m: float = 0.26,
     standing: Sequence[Section] = (),
 ) -> list[Obstacle]:
     """Draw obstacles of different shapes, each as large as a disc of radius 0.10 to 0.25 m.
@@ -58,7 +58,7 @@ def draw_clutter(
         bounds: (4,) x_min, y_min, x_max, y_max of the room in map, m.
         body: the robot's true outline.
         count: number of obstacles.
-        safe_distance_m: distance that the planner keeps between its path and obstacles, m.
+        clearance_m: half width of the way from start to goal that stays free, m.
         standing: obstacles that are already there; new ones keep a distance from them.
 
     Returns:
@@ -69,7 +69,7 @@ def draw_clutter(
     """
     ends = np.array([start[:2], goal[:2]], dtype=np.float64)
     walls = np.array(bounds, dtype=np.float64)
-    passage_m = max(safe_distance_m, body.footprint_radius_m) + _SLACK_M
+    passage_m = max(clearance_m, body.footprint_radius_m) + _SLACK_M
     turning_m = body.turning_radius_m + _TURNING_ROOM_M
     if np.any(distance_to_bounds(ends, walls) < passage_m):
         raise ValueError(f"start and goal must be at least {passage_m:.2f} m inside the walls")
