@@ -126,13 +126,13 @@ class SeparationConfig:
     margin_m: NonNegative = 0.06
     decel_mps2: Positive = 1.0
     grows_mps: NonNegative = 0.1
-    grows_share: NonNegative = 0.3
+    grows_share: NonNegative = 0.15
     stands_mps: Positive = 0.1
     stale_s: Positive = 0.6
     horizon_s: Positive = 1.5
     threat_m: NonNegative = 0.10
     worth_m: NonNegative = 0.05
-    comfort_m: NonNegative = 0.3
+    comfort_m: NonNegative = 0.15
     keep_s: Positive = 0.3
     restless_s: NonNegative = 0.2
     patience_s: NonNegative = 3.0

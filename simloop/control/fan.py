@@ -81,8 +81,8 @@ def predict_gaps(
         pose: (3,) of base_link in map, m, m, rad.
         last: (2,) velocity of the last period, m/s and rad/s.
         fan: (m, 2) velocities, m/s and rad/s.
-        movers: (k, 7) as in `separation.mover_discs`: the robot must be able to stop for them.
-        threats: (t, 7) the same, of what may come: the robot keeps away from it.
+        movers: (k, 8) as in `separation.mover_discs`: the robot must be able to stop for them.
+        threats: (t, 8) the same, of what may come: the robot keeps away from it.
         mover_limits: (7,) as in `separation.stays_clear`.
         window: (2,) accelerations, m/s^2 and rad/s^2.
         horizon: How far ahead to predict, s.

@@ -34,7 +34,7 @@ def gap_after(
         ahead: Length of the arc, m.
         turned: Yaw gained along the arc, rad.
         t: Time at which the mover is looked at, s.
-        mover: (7,) x, y, vx, vy in map, radius, growth and pace, see `mover_discs`.
+        mover: (8,) as in `mover_discs`.
         half: (2,) half the footprint's length and width, m.
 
     Returns:
@@ -67,7 +67,7 @@ def stays_clear(
         pose: (3,) of base_link in map, m, m, rad.
         speed: Forward speed, m/s.
         rate: Yaw rate, rad/s.
-        movers: (n, 7) as in `mover_discs`.
+        movers: (n, 8) as in `mover_discs`.
         limits: (7,) reaction time, s, decelerations, m/s^2 and rad/s^2, half the footprint's
             length and width, m, the margin, m, and the speed below which a mover stands, m/s.
 
@@ -88,10 +88,12 @@ def stays_clear(
             slowed = max(0.0, t - reaction)
             gone = t - (0.5 * slowed * slowed / braking if braking > 0.0 else 0.0)
             ahead, turned = speed * gone, rate * gone
-            # As it is predicted, in a disc that grows with what is not known of it. Where there is
-            # less room than that already, the robot may still go away from it.
+            # As it is predicted, in a disc that grows with what is not known of it. What has been
+            # calm for a while may be left even if there is less room than that growth.
             gap = gap_after(pose, ahead, turned, t, movers[k], half) - margin
-            if gap < min(movers[k, 5] * t, first) - 1e-6:
+            calm = movers[k, 7] <= limits[6] or first < 0.0
+            growth = movers[k, 5] * t
+            if gap < (min(growth, first) - 1e-6 if calm else growth):
                 return False
             # It may turn round at once: as far from where it is now as it can come by then.
             gap = gap_after(pose, ahead, turned, 0.0, movers[k], half)
@@ -110,7 +112,7 @@ def safe_part(
         pose: (3,) of base_link in map, m, m, rad.
         speed: Forward speed, m/s.
         rate: Yaw rate, rad/s.
-        movers: (n, 7) as in `mover_discs`.
+        movers: (n, 8) as in `mover_discs`.
         limits: (7,) as in `stays_clear`.
 
     Returns:
@@ -139,7 +141,7 @@ def least_gap(
         last: (2,) velocity now, m/s and rad/s.
         target: (2,) velocity that the robot goes over to, m/s and rad/s.
         window: (2,) accelerations of that change, m/s^2 and rad/s^2.
-        movers: (n, 7) as in `mover_discs`.
+        movers: (n, 8) as in `mover_discs`.
         half: (2,) half the footprint's length and width, m.
         until: How far ahead to predict, s.
 
@@ -176,8 +178,8 @@ def mover_discs(tracks: MoverTracks, t_ns: int, config: SeparationConfig) -> Flo
         config: Growth of the discs.
 
     Returns:
-        (n, 7) x, y, m, vx, vy, m/s, in map; radius, m; growth of the radius, m/s; and the pace,
-        m/s, at which the thing may turn round at any time.
+        (n, 8) x, y, m, vx, vy, m/s, in map; radius, m; growth of the radius, m/s; the pace, m/s,
+        at which the thing may turn round at any time; and the fastest pace of late, m/s.
     """
     pace = np.hypot(*tracks.velocity_mps.T)
     return np.column_stack(
@@ -187,6 +189,7 @@ def mover_discs(tracks: MoverTracks, t_ns: int, config: SeparationConfig) -> Flo
             tracks.radius_m + tracks.std_m,
             config.grows_mps + config.grows_share * pace,
             pace,
+            tracks.pace_mps,
         )
     )
 
@@ -195,10 +198,10 @@ def coming_back(movers: FloatArray) -> FloatArray:
     """Predict that movers turn round at once and come back the way they went.
 
     Args:
-        movers: (n, 7) as in `mover_discs`.
+        movers: (n, 8) as in `mover_discs`.
 
     Returns:
-        (n, 7) the same movers with reversed velocities.
+        (n, 8) the same movers with reversed velocities.
     """
     reversed_movers = movers.copy()
     reversed_movers[:, 2:4] *= -1.0
@@ -247,7 +250,7 @@ class Separation:
 
         Args:
             pose: (3,) of base_link in map, m, m, rad.
-            movers: (n, 7) as in `mover_discs`.
+            movers: (n, 8) as in `mover_discs`.
             t_ns: The instant, ns.
         """
         config, half = self.config, self.limits[3:5]
