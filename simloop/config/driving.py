@@ -135,7 +135,7 @@ class SeparationConfig:
     comfort_m: NonNegative = 0.15
     keep_s: Positive = 0.3
     restless_s: NonNegative = 0.2
-    patience_s: NonNegative = 3.0
+    patience_s: NonNegative = 1.2
     visit_memory_s: NonNegative = 10.0
 
 

@@ -35,7 +35,6 @@ from simloop.control.fan import (
 )
 from simloop.control.separation import (
     Separation,
-    coming_back,
     least_gap,
     mover_discs,
     safe_part,
@@ -153,7 +152,7 @@ class VelocityArbiter:
         separation, tracks = self._separation, now.movers
         assert tracks is not None
         discs = mover_discs(tracks, now.t_ns, separation.config)
-        separation.note_visits(now.pose, discs, now.t_ns)
+        separation.note_visits(now.pose, tracks, discs)
         if separation.must_stand(now.pose, tracks, now.t_ns):
             chosen, _ = self._go_over(before, STILL, now, discs)
             return chosen, Mode.YIELD
@@ -219,8 +218,9 @@ class VelocityArbiter:
         if not now.may_evade or now.speed_cap_mps <= 0.0:
             return None
         half, threats = limits[3:5], discs[discs[:, 6] > config.stands_mps]
-        if self._separation.expects_return(now.t_ns):
-            threats = np.concatenate((threats, coming_back(threats)))
+        if now.movers is not None:
+            returning = self._separation.expected_returns(now.movers, discs)
+            threats = np.concatenate((threats, returning))
 
         def predict(target: FloatArray) -> float:
             return least_gap(

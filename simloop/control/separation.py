@@ -194,20 +194,6 @@ def mover_discs(tracks: MoverTracks, t_ns: int, config: SeparationConfig) -> Flo
     )
 
 
-def coming_back(movers: FloatArray) -> FloatArray:
-    """Predict that movers turn round at once and come back the way they went.
-
-    Args:
-        movers: (n, 8) as in `mover_discs`.
-
-    Returns:
-        (n, 8) the same movers with reversed velocities.
-    """
-    reversed_movers = movers.copy()
-    reversed_movers[:, 2:4] *= -1.0
-    return reversed_movers
-
-
 class Separation:
     """Says what part of a velocity is safe among what moves, and when to stand."""
 
@@ -233,7 +219,9 @@ class Separation:
         self._stale_ns = round(config.stale_s * 1e9)
         self._patience_ns = round(config.patience_s * 1e9)
         self._visit_memory_ns = round(config.visit_memory_s * 1e9)
-        self._moved_ns = self._visited_until_ns = 0
+        self._moved_ns = 0
+        # What came within the margin: track number -> (2,) its velocity then, and until when.
+        self._visits: dict[int, tuple[FloatArray, int]] = {}
 
     def note_motion(self, t_ns: int, moves: bool) -> None:
         """Remember when the robot was last told to move.
@@ -245,30 +233,38 @@ class Separation:
         if moves:
             self._moved_ns = t_ns
 
-    def note_visits(self, pose: FloatArray, movers: FloatArray, t_ns: int) -> None:
-        """Remember when something that moves comes within the margin.
+    def note_visits(self, pose: FloatArray, tracks: MoverTracks, movers: FloatArray) -> None:
+        """Remember what comes within the margin, and how it came.
 
         Args:
             pose: (3,) of base_link in map, m, m, rad.
-            movers: (n, 8) as in `mover_discs`.
-            t_ns: The instant, ns.
+            tracks: What moves.
+            movers: (n, 8) the same as in `mover_discs`.
         """
         config, half = self.config, self.limits[3:5]
-        for mover in movers:
+        for number, mover in zip(tracks.number.tolist(), movers, strict=True):
             lively = mover[6] > config.stands_mps
             if lively and gap_after(pose, 0.0, 0.0, 0.0, mover, half) < config.margin_m:
-                self._visited_until_ns = t_ns + self._visit_memory_ns
+                towards = mover[2] * (pose[0] - mover[0]) + mover[3] * (pose[1] - mover[1])
+                velocity = mover[2:4] if towards > 0.0 else -mover[2:4]
+                self._visits[number] = (velocity.copy(), tracks.t_ns + self._visit_memory_ns)
 
-    def expects_return(self, t_ns: int) -> bool:
-        """Say whether something came within the margin lately, and may turn round and come back.
+    def expected_returns(self, tracks: MoverTracks, movers: FloatArray) -> FloatArray:
+        """Predict that what came within the margin lately comes again, as it came then.
 
         Args:
-            t_ns: The instant, ns.
+            tracks: What moves.
+            movers: (n, 8) the same as in `mover_discs`.
 
         Returns:
-            True until the visit is forgotten.
+            (k, 8) those of the movers that are remembered, with the velocities at which they came.
         """
-        return t_ns < self._visited_until_ns
+        self._visits = {n: v for n, v in self._visits.items() if v[1] > tracks.t_ns}
+        known = [i for i, n in enumerate(tracks.number.tolist()) if n in self._visits]
+        returning = movers[known]
+        for row, i in zip(returning, known, strict=True):
+            row[2:4] = self._visits[int(tracks.number[i])][0]
+        return returning
 
     def must_stand(self, pose: FloatArray, tracks: MoverTracks, t_ns: int) -> bool:
         """Say whether the robot must stand whatever it is asked for.
