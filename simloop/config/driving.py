@@ -119,6 +119,7 @@ class SeparationConfig:
         restless_s: Time that a standing robot needs to drive off, s. It does not drive off while
             something that moved lately can reach it within this time.
         patience_s: Longest time of this wait, s.
+        touch_patience_s: The same while something that moved lately may touch the robot, s.
         visit_memory_s: Time for which the robot remembers that a mover came within the margin, s.
             During this time it expects that movers may turn round and come back.
     """
@@ -136,6 +137,7 @@ class SeparationConfig:
     keep_s: Positive = 0.3
     restless_s: NonNegative = 0.2
     patience_s: NonNegative = 1.2
+    touch_patience_s: NonNegative = 3.0
     visit_memory_s: NonNegative = 10.0
 
 

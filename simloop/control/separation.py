@@ -218,6 +218,7 @@ class Separation:
         )
         self._stale_ns = round(config.stale_s * 1e9)
         self._patience_ns = round(config.patience_s * 1e9)
+        self._touch_patience_ns = round(config.touch_patience_s * 1e9)
         self._visit_memory_ns = round(config.visit_memory_s * 1e9)
         self._moved_ns = 0
         # What came within the margin: track number -> (2,) its velocity then, and until when.
@@ -283,15 +284,21 @@ class Separation:
         if t_ns - tracks.t_ns > self._stale_ns:
             return True
         stood_ns = t_ns - self._moved_ns
-        return _STOOD_NS < stood_ns < self._patience_ns and self.is_restless(pose, tracks, t_ns)
+        if not _STOOD_NS < stood_ns < self._touch_patience_ns:
+            return False
+        waits = stood_ns < self._patience_ns and self.is_restless(pose, tracks, t_ns)
+        return waits or self.is_restless(pose, tracks, t_ns, touching=True)
 
-    def is_restless(self, pose: FloatArray, tracks: MoverTracks, t_ns: int) -> bool:
+    def is_restless(
+        self, pose: FloatArray, tracks: MoverTracks, t_ns: int, touching: bool = False
+    ) -> bool:
         """Say whether something that moved lately can be at the robot's side before it gets away.
 
         Args:
             pose: (3,) of base_link in map, m, m, rad.
             tracks: What moves.
             t_ns: The instant, ns.
+            touching: Whether only what may touch the robot now counts.
 
         Returns:
             True if it is better to stand, and to be touched standing.
@@ -299,5 +306,5 @@ class Separation:
         config, half = self.config, self.limits[3:5]
         movers = mover_discs(tracks, t_ns, config)
         gaps = np.array([gap_after(pose, 0.0, 0.0, 0.0, mover, half) for mover in movers])
-        near = gaps < config.margin_m + config.restless_s * tracks.pace_mps
+        near = gaps < (0.0 if touching else config.margin_m + config.restless_s * tracks.pace_mps)
         return bool((near & (tracks.pace_mps > config.stands_mps)).any())
