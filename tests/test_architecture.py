@@ -142,6 +142,32 @@ def test_folders_stay_small():
         assert len(here) <= at_most.get(folder, 16), folder
 
 
+def public_functions(path: Path) -> list[ast.FunctionDef]:
+    """Functions and methods without a leading underscore, but for properties."""
+    body = ast.parse(path.read_text()).body
+    for holder in [n for n in body if isinstance(n, ast.ClassDef) and n.name[0] != "_"]:
+        body = body + holder.body
+    found = [n for n in body if isinstance(n, ast.FunctionDef) and n.name[0] != "_"]
+    names = {f: {getattr(d, "id", getattr(d, "attr", "")) for d in f.decorator_list} for f in found}
+    return [f for f in found if not names[f] & {"property", "setter", "overload"}]
+
+
+@pytest.mark.parametrize("path", modules(), ids=name_of)
+def test_public_functions_say_what_they_take_and_return(path):
+    """Google style, with Args and Returns or Yields; with shapes, units and frames."""
+    missing = []
+    for function in public_functions(path):
+        text, arguments = ast.get_docstring(function) or "", function.args
+        taken = [*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs]
+        taken = [a.arg for a in taken if a.arg not in ("self", "cls")]
+        returns = function.returns
+        nothing = returns is None or (isinstance(returns, ast.Constant) and returns.value is None)
+        answers = nothing or "Returns:" in text or "Yields:" in text
+        if not text or (taken and "Args:" not in text) or not answers:
+            missing.append(function.name)
+    assert missing == []
+
+
 def test_no_test_imports_another_test():
     for path in (ROOT / "tests").rglob("*.py"):
         names = imports(path)

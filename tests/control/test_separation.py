@@ -199,3 +199,36 @@ def test_a_goal_is_met_where_it_will_be():
     walled = replace(now, distance_m=np.zeros((80, 80), np.float32))
     assert pursuit.aim(walled, pose, 0.45, 0.26) == pytest.approx([1.0, 0.0], abs=0.03)
     assert pursuit.is_out_of_date(45 * SCAN_NS, pose, 0.45)
+
+
+def test_what_came_within_the_margin_is_expected_again_as_it_came():
+    held, pose = separation_of(), np.zeros(3)
+    coming = tracks_of((0.5, 0.0, -0.4, 0.0, 0.2))
+    assert held.expected_returns(coming, mover_discs(coming, 0, SeparationConfig())).size == 0
+    held.note_visits(pose, coming, mover_discs(coming, 0, SeparationConfig()))
+    later = 2 * 10**9
+    waiting = tracks_of((0.7, 0.0, 0.0, 0.0, 0.2), t_ns=later)
+    discs = mover_discs(waiting, later, SeparationConfig())
+    returning = held.expected_returns(waiting, discs)
+    assert returning[0, 2:4] == pytest.approx([-0.4, 0.0])
+    assert returning[0, :2] == pytest.approx([0.7, 0.0])
+    forgotten = tracks_of((0.7, 0.0, 0.0, 0.0, 0.2), t_ns=later + 9 * 10**9)
+    assert held.expected_returns(forgotten, discs).size == 0
+
+
+def test_while_something_may_touch_it_it_stands_longer():
+    near = tracks_of((-0.1, 0.46, 0.0, 0.0, 0.25))
+    lively = replace(near, pace_mps=np.array([0.4]))
+    assert stands_beside(lively, 2.0) == (0.0, Mode.YIELD)
+    beside = replace(tracks_of((-0.1, 0.55, 0.0, 0.0, 0.2)), pace_mps=np.array([0.4]))
+    assert stands_beside(beside, 1.0) == (0.0, Mode.YIELD)
+    assert stands_beside(beside, 2.0)[0] > 0.0
+
+
+def test_what_is_calm_may_be_left_although_there_is_less_room_than_the_growth():
+    pose, calm = np.zeros(3), tracks_of((0.51, 0.0, 0.0, 0.0, 0.2))
+    lively = replace(calm, pace_mps=np.array([0.4]))
+    for tracks, free in ((calm, True), (lively, False)):
+        discs = mover_discs(tracks, 0, SeparationConfig())
+        assert stays_clear(pose, -0.008, 0.0, discs, LIMITS) == free
+        assert not stays_clear(pose, 0.1, 0.0, discs, LIMITS)
