@@ -1,1 +1,1 @@
-"""TODO."""
+"""Control: what may be driven of what is asked, and the motor loops."""
