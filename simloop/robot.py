@@ -5,7 +5,6 @@ readings -> Localiser -> Navigator (planner, smoother) -> Tracker -> VelocityArb
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -105,7 +104,9 @@ class Robot:
         self._image_ns = 0
         # The latest scan's points (n, 2) in base_link, and base_link's pose in map at its end.
         self._last_scan = (_NOTHING, np.zeros(3))
-        self._driven, self._may_reverse = False, True
+        self._driven = False
+        # (k, 2) in base_link, where a robot that sees only ahead has been.
+        self._trail_m = None if self._low is None else _NOTHING
         self.messages: list[Message] = []
         self._time = {name: profiler.stage(name) for name in ("slam", "tracker")}
 
@@ -237,8 +238,7 @@ class Robot:
         if new_scan:
             if tracker.path is not None:
                 tracker.reverses = self._rear_first(estimate.pose, tracker.path_yaw)
-            behind = float(estimate.pose[2]) + math.pi
-            self._may_reverse = low is None or low.has_driven(estimate.pose, behind)
+            self._trail_m = None if low is None else low.trail_from(estimate.pose)
 
     def _progress(self) -> Progress:
         """How far the robot has come on its path."""
@@ -280,8 +280,8 @@ class Robot:
             self._movers.tracks,
             doing,
             0.0 if health.current.halts else self._watchdog.speed_cap_mps,
-            self._may_reverse,
-            self._low is not None,
+            True,
+            self._trail_m,
             not self._tracker.arrived,
             stuck,
             self._recovery.towards,

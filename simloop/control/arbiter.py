@@ -40,7 +40,8 @@ from simloop.control.separation import (
     safe_part,
     stays_clear,
 )
-from simloop.control.window import brake_along, is_reachable, step_towards
+from simloop.control.trail import is_on_trail
+from simloop.control.window import brake_along, is_reachable, step_straight, step_towards
 from simloop.geometry.se2 import transform_points
 from simloop.messages import FloatArray, Mode, MoverTracks, Velocity
 
@@ -69,8 +70,8 @@ class Situation:
         doing: What the velocity that is asked for is meant to do.
         speed_cap_mps: Largest speed, m/s; 0 while the robot must not drive.
         may_reverse: Whether it may go backwards.
-        reverses_straight_only: Whether it may go backwards only on the way that it came, and not
-            on an arc of its own choice.
+        trail_m: (k, 2) in base_link, m: where base_link has been. The robot may go backwards only
+            there. None for a robot that sees all round.
         may_evade: Whether it may leave its place to get out of something's way.
         stuck: Whether it is freeing itself.
         towards: (2,) in map, m: where the path leads next, for a robot that is stuck.
@@ -83,7 +84,7 @@ class Situation:
     doing: Mode
     speed_cap_mps: float = math.inf
     may_reverse: bool = True
-    reverses_straight_only: bool = False
+    trail_m: FloatArray | None = None
     may_evade: bool = True
     stuck: bool = False
     towards: FloatArray | None = None
@@ -138,7 +139,7 @@ class VelocityArbiter:
         wanted, mode = (self._way_out_of(now), Mode.BACK_OFF) if now.stuck else (asked, now.doing)
         before, wanted = np.array(last), self._permitted(wanted, now)
         if now.movers is None:
-            chosen, part = self._go_over(before, wanted, now, None)
+            chosen, part = self._go_over(before, wanted, now, None, now.stuck)
             mode = mode if part >= 1.0 else Mode.HELD
         else:
             chosen, mode = self._among_movers(before, wanted, mode, now)
@@ -160,7 +161,7 @@ class VelocityArbiter:
         if evasion is not None:
             chosen, _ = self._go_over(before, self._permitted(evasion, now), now, discs)
             return chosen, Mode.DODGE
-        chosen, part = self._go_over(before, wanted, now, discs)
+        chosen, part = self._go_over(before, wanted, now, discs, now.stuck)
         if part >= 1.0:
             return chosen, mode
         return chosen, Mode.YIELD if self._movers_hinder else Mode.HELD
@@ -168,7 +169,7 @@ class VelocityArbiter:
     def _permitted(self, wanted: Velocity, now: Situation) -> Velocity:
         """The part of a velocity that cap and reversing permit, on the same arc."""
         speed, rate = wanted
-        if speed < 0.0 and not now.may_reverse:
+        if speed < 0.0 and not (now.may_reverse and is_on_trail(now.trail_m, speed, rate)):
             return STILL
         cap = now.speed_cap_mps
         if cap >= self._top_mps:
@@ -181,10 +182,19 @@ class VelocityArbiter:
         return Velocity(part * speed, part * rate)
 
     def _go_over(
-        self, before: FloatArray, wanted: Velocity, now: Situation, discs: FloatArray | None
+        self,
+        before: FloatArray,
+        wanted: Velocity,
+        now: Situation,
+        discs: FloatArray | None,
+        on_arc: bool = False,
     ) -> tuple[Velocity, float]:
-        """Go from the last velocity towards another one; the safe velocity, and its share."""
-        speed, rate = step_towards(before, wanted.speed_mps, wanted.yaw_rate_radps, self._window)
+        """Go from the last velocity towards another one; the safe velocity, and its share.
+
+        on_arc: whether to keep to the arc of the wanted velocity, as it was examined.
+        """
+        step = step_straight if on_arc else step_towards
+        speed, rate = step(before, wanted.speed_mps, wanted.yaw_rate_radps, self._window)
         part = self._safe_part(speed, rate, now, discs)
         if part >= 1.0:
             return Velocity(speed, rate), part
@@ -276,8 +286,9 @@ class VelocityArbiter:
         forward = self._fan[:, 0] >= 0.0
         if not now.may_reverse:
             eligible = eligible & forward
-        elif now.reverses_straight_only:
-            eligible = eligible & (forward | (self._fan[:, 1] == 0.0))
+        elif now.trail_m is not None:
+            known = [is_on_trail(now.trail_m, v, w) for v, w in self._fan.tolist()]
+            eligible = eligible & (forward | np.array(known))
         if not eligible.any():
             return None
         off = np.abs(self._fan - np.array(asked))

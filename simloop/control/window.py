@@ -36,6 +36,34 @@ def step_towards(
 
 
 @njit(cache=True)
+def step_straight(
+    last: FloatArray, speed: float, rate: float, window: FloatArray
+) -> tuple[float, float]:
+    """Go towards another velocity with both components in step, so that an arc is kept.
+
+    From rest the robot then moves on the arc that was examined. With each component as fast as it
+    may change, it would turn on the spot first.
+
+    Args:
+        last: (2,) velocity of the last period, m/s and rad/s.
+        speed: Wanted speed, m/s.
+        rate: Wanted yaw rate, rad/s.
+        window: (4,) as in `step_towards`.
+
+    Returns:
+        Speed, m/s, and yaw rate, rad/s.
+    """
+    forward, turning = step_towards(last, speed, rate, window)
+    part = 1.0
+    if speed != last[0]:
+        part = min(part, (forward - last[0]) / (speed - last[0]))
+    if rate != last[1]:
+        part = min(part, (turning - last[1]) / (rate - last[1]))
+    part = max(part, 0.0)
+    return last[0] + part * (speed - last[0]), last[1] + part * (rate - last[1])
+
+
+@njit(cache=True)
 def brake_along(last: FloatArray, window: FloatArray) -> tuple[float, float]:
     """Brake along the arc of the last velocity as hard as one period allows.
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from simloop.config import LowObstaclesConfig, SlamConfig
 from simloop.geometry.discs import on_discs
+from simloop.geometry.footprint import points_in
 from simloop.geometry.se2 import between, transform_points
 from simloop.mapping.grid_map import GridMap
 from simloop.messages import DepthImage, FloatArray, MoverTracks, pixel_slopes
@@ -30,6 +31,7 @@ _DEPTHS_M = tuple(np.arange(0.05, 0.26, 0.05).tolist())
 """Depths behind its face to which an obstacle is assumed to extend, until they are seen free, m."""
 # Spacing of the robot's trail, distance within which a place is on it, and distances ahead at
 # which ``has_driven`` tests this.
+_TRAIL_KEPT = 200  # places of the trail, 5 cm apart: those that matter are the last ones
 _TRAIL_STEP_M, _ASIDE_M, _BACKWARDS_M = 0.05, 0.12, (0.1, 0.2, 0.3, 0.4, 0.5)
 _SIGHTINGS = 1.5  # a cell needs more hits than this: a moving object hits each place only once
 _FADE = 0.01  # share of the log-odds removed by each image while something moves
@@ -226,6 +228,18 @@ class LowObstacleMap:
         ahead = np.array(_BACKWARDS_M)[:, None] * np.array([math.cos(course), math.sin(course)])
         apart = (pose[:2] + ahead)[:, None] - np.array(self._trail or [np.full(2, np.inf)])
         return bool((np.hypot(*np.moveaxis(apart, -1, 0)).min(axis=1) < _ASIDE_M).all())
+
+    def trail_from(self, pose: FloatArray) -> FloatArray:
+        """Express the last part of the robot's own trail in its present frame.
+
+        Args:
+            pose: (3,) base_link in map now.
+
+        Returns:
+            (k, 2) where base_link has been, in base_link, m.
+        """
+        trail = np.array(self._trail[-_TRAIL_KEPT:]).reshape(-1, 2)
+        return points_in(pose, np.zeros(3), trail)
 
     def _unseen_by_scan(
         self, points: FloatArray, top_m: FloatArray, scan_m: FloatArray

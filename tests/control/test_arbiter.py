@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from simloop.config import SeparationConfig
 from simloop.control.arbiter import STILL
 from simloop.control.separation import gap_after, mover_discs, safe_part, stays_clear
+from simloop.control.trail import is_on_trail
 from simloop.messages import Mode, MoverTracks, Velocity
 
 TICK_NS, TICK_S = 10_000_000, 0.01
@@ -243,15 +244,18 @@ def test_where_it_may_not_reverse_it_stands_and_does_not_turn_instead():
     assert all(chosen == STILL for _, _, chosen, _, _ in run)
 
 
-def test_with_a_camera_it_evades_backwards_only_straight():
-    coming = MoverTracks(
-        0, np.zeros(1, int), np.array([[1.1, 0.0]]), np.array([[-0.4, 0.0]]), np.array([0.2]),
-        np.zeros(1), np.array([0.4]),
-    )  # fmt: skip
-    now = situation(movers=coming, reverses_straight_only=True)
-    chosen, mode = arbiter_of().choose(STILL, STILL, now)
-    assert mode is Mode.DODGE
-    assert chosen.speed_mps >= 0.0 or chosen.yaw_rate_radps == 0.0
+@pytest.mark.parametrize(("trail", "free"), [((-1.0, 0.0), True), ((0.0, -1.0), False)])
+def test_with_a_camera_it_goes_backwards_only_on_its_own_trail(trail, free):
+    """The trail leads straight back, or aside."""
+    points = np.linspace(0.0, 1.0, 21)[:, None] * np.array(trail)
+    run = [(Velocity(-0.3, 0.0), {})]
+    speeds = [c.speed_mps for _, _, c, _, _ in drive(run, np.empty((0, 2)), trail_m=points)]
+    assert (min(speeds) < -0.1) == free
+    arc = np.array([[0.3 * math.sin(a), 0.3 * (math.cos(a) - 1.0)] for a in np.arange(-2, 0, 0.1)])
+    assert is_on_trail(arc, -0.3, 1.0)
+    assert not is_on_trail(arc, -0.3, -1.0)
+    assert not is_on_trail(np.empty((0, 2)), -0.3, 0.0)
+    assert is_on_trail(None, -0.3, 0.0)
 
 
 @given(asked)
