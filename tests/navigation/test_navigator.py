@@ -128,7 +128,7 @@ def test_a_smoothed_path_that_lost_what_the_plan_kept_is_said(planner, monkeypat
     )
     monkeypatch.setattr("simloop.navigation.bezier_smoother.Smoother.smooth", lambda *_: path)
     assert it.smooth(estimate_at(0.1), reverses=False) is path
-    assert any("nearer" in m.text for m in it.messages if isinstance(m, Event))
+    assert any("safety distance" in m.text for m in it.messages if isinstance(m, Event))
 
 
 def test_the_next_place_on_the_path_is_a_little_way_ahead(planner):
