@@ -26,7 +26,7 @@ _SAME_SURFACE = 0.9  # least cosine between the normals of one patch in two step
 _ON_ITS_SIDE = 0.7  # if more of the normal points along the axle, no belt touches the surface
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def patch_of(
     state: Record, touched: FloatArray, wheel: int, body: int, nx: float, ny: float, nz: float
 ) -> int:

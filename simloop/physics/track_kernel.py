@@ -90,7 +90,7 @@ def settle_account(
     _account(_spin(body), geoms, body, block[0], constants[0])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _cross(ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> Any:
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 
@@ -106,7 +106,7 @@ def _spin(body: BodyArrays) -> Any:
     )
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _velocity(body: BodyArrays, number: int, x: float, y: float, z: float) -> Any:
     """Compute the velocity of a body's point in the world, m/s, as of the last step."""
     # MuJoCo's cvel is (angular, linear), the linear part at the tree's centre of mass.
@@ -115,7 +115,7 @@ def _velocity(body: BodyArrays, number: int, x: float, y: float, z: float) -> An
     return v[3] + ux, v[4] + uy, v[5] + uz
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _push(body: BodyArrays, number: int, point: Any, force: Any, sign: float) -> None:
     """Add a force, N, at a point to a body's wrench about its centre of mass."""
     px, py, pz = point
@@ -177,7 +177,7 @@ def _shear_belt(
     return track_load
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _shear_patch(
     row: FloatArray,
     wheel: int,
@@ -226,7 +226,7 @@ def _shear_patch(
     return thrust, slipping
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _belt_axes(body: BodyArrays, normal: Any) -> Any:
     """Compute the unit vectors along the belt, t = (base_link's y) x n, and across, s = n x t."""
     rot = body.rotation
@@ -237,7 +237,7 @@ def _belt_axes(body: BodyArrays, normal: Any) -> Any:
     return (tx, ty, tz), _cross(nx, ny, nz, tx, ty, tz)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _relative_velocity(
     body: BodyArrays, number: int, spin: Any, x: float, y: float, z: float
 ) -> Any:
