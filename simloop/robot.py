@@ -222,6 +222,9 @@ class Robot:
     def _navigate(self, estimate: Estimate, new_scan: bool) -> None:
         """Plan if need be, take up a new path, and choose which end goes first."""
         navigator, tracker, low = self._navigator, self._tracker, self._low
+        has_news = new_scan or tracker.path is None or self._watchdog.cause is Stale.OLD_PATH
+        if not (has_news or navigator.is_due(estimate.t_ns)):
+            return
         navigator.messages.clear()
         now = Surroundings(
             new_scan,

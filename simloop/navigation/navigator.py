@@ -179,6 +179,17 @@ class Navigator:
         """Stop trying gaps below the safety distance, because the robot got stuck."""
         self._planner.stop_trying_tight_gaps()
 
+    def is_due(self, t_ns: int) -> bool:
+        """Say whether there is something to do even without news: a plan to make or to take up.
+
+        Args:
+            t_ns: The instant, ns.
+
+        Returns:
+            True if `step` must be called in this period.
+        """
+        return self._plan is None or self._pending is not None or t_ns % self._plan_ns == 0
+
     def step(self, estimate: Estimate, now: Surroundings, progress: Progress) -> Plan | None:
         """Plan if there is a reason to.
 
