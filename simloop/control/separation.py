@@ -286,25 +286,10 @@ class Separation:
         stood_ns = t_ns - self._moved_ns
         if not _STOOD_NS < stood_ns < self._touch_patience_ns:
             return False
-        waits = stood_ns < self._patience_ns and self.is_restless(pose, tracks, t_ns)
-        return waits or self.is_restless(pose, tracks, t_ns, touching=True)
-
-    def is_restless(
-        self, pose: FloatArray, tracks: MoverTracks, t_ns: int, touching: bool = False
-    ) -> bool:
-        """Say whether something that moved lately can be at the robot's side before it gets away.
-
-        Args:
-            pose: (3,) of base_link in map, m, m, rad.
-            tracks: What moves.
-            t_ns: The instant, ns.
-            touching: Whether only what may touch the robot now counts.
-
-        Returns:
-            True if it is better to stand, and to be touched standing.
-        """
+        # What moved lately and can be at the robot's side before it has got away; or touches it.
         config, half = self.config, self.limits[3:5]
         movers = mover_discs(tracks, t_ns, config)
         gaps = np.array([gap_after(pose, 0.0, 0.0, 0.0, mover, half) for mover in movers])
-        near = gaps < (0.0 if touching else config.margin_m + config.restless_s * tracks.pace_mps)
-        return bool((near & (tracks.pace_mps > config.stands_mps)).any())
+        patient = stood_ns < self._patience_ns
+        near = config.margin_m + config.restless_s * tracks.pace_mps if patient else 0.0
+        return bool(((gaps < near) & (tracks.pace_mps > config.stands_mps)).any())
