@@ -14,10 +14,11 @@ import numpy as np
 from simloop.config import Config
 from simloop.messages import FloatArray
 from simloop.physics.arena_rays import ArenaRays
+from simloop.physics.engine import find_engine
 from simloop.physics.plant_setup import body_arrays, own_copy, track_constants
-from simloop.physics.track_kernel import apply_tracks, settle_account
+from simloop.physics.substeps import CONTACTS, HITS, TOUCHING, advance, advance_plainly
+from simloop.physics.track_kernel import settle_account
 from simloop.physics.track_model import (
-    ContactArrays,
     Geoms,
     TrackState,
     as_block,
@@ -48,8 +49,8 @@ from simloop.physics.vehicle_geoms import (
 from simloop.truth import LooseTruth, TrackTruth, Truth
 
 _TURNING_RADPS = 0.02  # yaw rate below which the centre of rotation is badly defined
-_STILL_MPS = 0.01  # belt speed below which the vehicle counts as standing
 _WHEEL_M = 0.06  # half side of the square of ice under a road wheel; smaller than the wheel
+_NO_WAY = np.empty((0, 2))
 _DROP_M = 0.001  # a reset places the vehicle this high over the ground, then lets it settle
 
 
@@ -73,7 +74,7 @@ class Plant:
         self.t_ns = 0
         self._dt_ns = round(config.rates.physics_s * 1e9)
         self._period_s = config.rates.control_s
-        self._rays = ArenaRays(model, data)
+        self._rays, self._engine = ArenaRays(model, data), find_engine(model, data)
         self._imu = site_in_base(model, "imu")
         self._joint_friction = model.dof_frictionloss.copy()
         # The arena's movable bodies may come first. The kernels' views begin at the vehicle.
@@ -93,8 +94,8 @@ class Plant:
         self._ground = friction_map(config.tracks.zones, config.tracks.friction_image)
         self._zones = self._ground
         self._voltage, self._braked = np.zeros(2), False
-        self._contacts, self._hits, self._touching = 0, 0, False
-        self._way: FloatArray | None = None  # displacement of the movers in one physics step, m
+        self._counts = np.zeros(3, np.int64)  # see `advance`
+        self._way = _NO_WAY  # displacement of the movers in one physics step, m
         others = [i for i in range(1, model.nbody) if i != self._body.base]
         self._loose = [i for i in others if is_free(model, i) or model.body_mocapid[i] >= 0]
         self._loose_names = tuple(model.body(i).name for i in self._loose)
@@ -161,19 +162,18 @@ class Plant:
         """
         mujoco.mj_resetData(self.model, self.data)
         self.model.dof_frictionloss[:] = self._joint_friction
-        self._zones, self._way = self._ground, None
+        self._zones, self._way = self._ground, _NO_WAY
         self._voltage[:] = 0.0
         self._braked = braked
         self._block[:] = state_block(len(self._wheel_geoms))
         self._qpos[2] = _DROP_M + self._under(pose)
         self._stand(pose)
         mujoco.mj_forward(self.model, self.data)
-        for _ in range(round(settle_s / self.model.opt.timestep)):
-            self._step()
+        self._advance(round(settle_s / self.model.opt.timestep))
         # Work and contacts of the settling time do not count.
         self._state.work[:] = 0.0
         self.data.time = 0.0
-        self.t_ns, self._contacts, self._hits, self._touching = 0, 0, 0, False
+        self.t_ns, self._counts[:] = 0, 0
         return self.truth(self._imu_velocity())
 
     def step(self, voltage_v: FloatArray) -> Truth:
@@ -187,10 +187,7 @@ class Plant:
         """
         self._voltage[:] = voltage_v
         before = self._imu_velocity()
-        for _ in range(self.substeps):
-            if self._way is not None:
-                self.data.mocap_pos[:, :2] += self._way
-            self._step()
+        self._advance(self.substeps)
         self.t_ns += self.substeps * self._dt_ns
         return self.truth(before)
 
@@ -280,9 +277,9 @@ class Plant:
             motor_current_a=block[CURRENT],
             motor_voltage_v=block[VOLTAGE],
             energy_j=float(self._state.work[0]),
-            contact_count=self._contacts,
-            in_contact=self._touching,
-            hit_count=self._hits,
+            contact_count=int(self._counts[CONTACTS]),
+            in_contact=bool(self._counts[TOUCHING]),
+            hit_count=int(self._counts[HITS]),
         )
 
     def track_truth(self) -> TrackTruth:
@@ -338,11 +335,10 @@ class Plant:
         digest.update(self.t_ns.to_bytes(8, "little"))
         return digest.hexdigest()[:16]
 
-    def _step(self) -> None:
-        """Do one physics step, and count the contacts that begin in it."""
-        contact, force = self.data.contact, self.data.efc_force
-        apply_tracks(
-            ContactArrays(contact.geom, contact.pos, contact.frame, contact.efc_address, force),
+    def _advance(self, steps: int) -> None:
+        """Do physics steps."""
+        tracks = (
+            self._way,
             self._geoms,
             self._zones,
             self._voltage,
@@ -350,19 +346,12 @@ class Plant:
             self._body,
             self._block,
             self._parameters,
+            self._counts,
         )
-        mujoco.mj_step(self.model, self.data)
-        touching = bool(self._state.touching[0])
-        if touching and not self._touching:
-            stood = self._stands()
-            self._hits, self._contacts = self._hits + stood, self._contacts + (not stood)
-        self._touching = touching
-
-    def _stands(self) -> bool:
-        """Tell whether the motors are off and the belts at rest. After a hit, belts may move."""
-        pushed = self._hits > 0
-        belts = self._radius_m * np.abs(self._qvel[self._sprocket_dof]).max()
-        return not self._voltage.any() and bool(pushed or belts < _STILL_MPS)
+        if self._engine is None:
+            advance_plainly(steps, self.model, self.data, *tracks)
+        else:
+            advance(steps, self._engine, self.data.mocap_pos, *tracks)
 
     def _stand(self, pose: FloatArray) -> None:
         """Set position and heading to a pose (3,) on level ground. The height does not change."""
