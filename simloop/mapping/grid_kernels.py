@@ -83,12 +83,17 @@ def trace_scan(
     ends = _from_corner(points, pose, corner)
     starts = _from_corner(origins, pose, corner)
     valid = _inside(ends, starts, layers.log_odds.shape, resolution)
-    fresh, ended = _vote_hits(ends, valid & ~through, resolution, layers, scan_number, evidence)
+    # Cells are addressed by one running index. Flat views are made once, not for each beam.
+    cols = layers.log_odds.shape[1]
+    hits = layers.hits.reshape(-1, 3)
+    flat = GridLayers(layers.log_odds.ravel(), hits, layers.stamp.ravel(), layers.occupied.ravel())
+    fresh, ended = _vote_hits(ends, valid & ~through, resolution, flat, cols, scan_number, evidence)
     # Free votes come last: by then, all cells in which a beam ended have this scan's stamp.
     for i in range(points.shape[0]):
         if valid[i]:
-            _vote_free(starts[i], ends[i], through[i], resolution, layers, scan_number, evidence)
-    hits = layers.hits.reshape(-1, 3)
+            _vote_free(
+                starts[i], ends[i], through[i], resolution, flat, cols, scan_number, evidence
+            )
     places = np.empty((len(fresh), 2))
     for i in range(len(fresh)):
         n = hits[fresh[i], 2]
@@ -127,20 +132,18 @@ def _inside(
     return out
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _vote_hits(
     ends: FloatArray,
     valid: NDArray[np.bool_],
     resolution: float,
-    layers: GridLayers,
+    flat: GridLayers,
+    cols: int,
     scan_number: int,
     evidence: Evidence,
 ) -> tuple[NDArray[np.int64], int]:
     """Add the hits; return the cells (k,) that became occupied, and the number of hit cells."""
-    cols = layers.log_odds.shape[1]
-    # Cells are addressed by one running index.
-    odds, stamp = layers.log_odds.ravel(), layers.stamp.ravel()
-    occupied, hits = layers.occupied.ravel(), layers.hits.reshape(-1, 3)
+    odds, hits, stamp, occupied = flat
     fresh, count, ended = np.empty(ends.shape[0], np.int64), 0, 0
     for i in range(ends.shape[0]):
         if not valid[i]:
@@ -162,13 +165,14 @@ def _vote_hits(
     return fresh[:count], ended
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _vote_free(
     start: FloatArray,
     end: FloatArray,
     through: bool,
     resolution: float,
-    layers: GridLayers,
+    flat: GridLayers,
+    cols: int,
     scan_number: int,
     evidence: Evidence,
 ) -> None:
@@ -177,9 +181,7 @@ def _vote_free(
     The free votes stop two cells before the hit. Otherwise they would remove the hits on the near
     side of a wall's noise, and the wall's hit mean would move away from the robot.
     """
-    cols = layers.log_odds.shape[1]
-    odds, stamp = layers.log_odds.ravel(), layers.stamp.ravel()
-    occupied, hits = layers.occupied.ravel(), layers.hits.reshape(-1, 3)
+    odds, hits, stamp, occupied = flat
     ax, ay = start[0] / resolution, start[1] / resolution
     dx, dy = end[0] / resolution - ax, end[1] / resolution - ay
     length = math.hypot(dx, dy)
