@@ -35,6 +35,7 @@ from simloop.control.fan import (
 )
 from simloop.control.separation import (
     Separation,
+    gaps_now,
     least_gap,
     mover_discs,
     safe_part,
@@ -153,11 +154,14 @@ class VelocityArbiter:
         separation, tracks = self._separation, now.movers
         assert tracks is not None
         discs = mover_discs(tracks, now.t_ns, separation.config)
-        separation.note_visits(now.pose, tracks, discs)
-        if separation.must_stand(now.pose, tracks, now.t_ns):
+        gaps = gaps_now(now.pose, discs, separation.limits[3:5])
+        separation.note_visits(now.pose, tracks, discs, gaps)
+        if separation.must_stand(tracks, gaps, now.t_ns):
             chosen, _ = self._go_over(before, STILL, now, discs)
             return chosen, Mode.YIELD
-        evasion = self._evasion_from(before, wanted, discs, now)
+        evasion: Velocity | None = None
+        if separation.may_be_met(discs, gaps, self._top_mps):
+            evasion = self._evasion_from(before, wanted, discs, now)
         if evasion is not None:
             chosen, _ = self._go_over(before, self._permitted(evasion, now), now, discs)
             return chosen, Mode.DODGE

@@ -169,6 +169,29 @@ def least_gap(
     return least
 
 
+@njit(cache=True)
+def _discs(
+    position: FloatArray,
+    velocity: FloatArray,
+    radius: FloatArray,
+    std: FloatArray,
+    pace: FloatArray,
+    later: float,
+    growth: tuple[float, float],
+) -> FloatArray:
+    """(n, 8) as in `mover_discs`, of tracks that are ``later`` s old."""
+    out = np.empty((position.shape[0], 8))
+    for i in range(position.shape[0]):
+        vx, vy = velocity[i, 0], velocity[i, 1]
+        out[i, 0], out[i, 1] = position[i, 0] + later * vx, position[i, 1] + later * vy
+        out[i, 2], out[i, 3] = vx, vy
+        out[i, 4] = radius[i] + std[i]
+        out[i, 6] = math.hypot(vx, vy)
+        out[i, 5] = growth[0] + growth[1] * out[i, 6]
+        out[i, 7] = pace[i]
+    return out
+
+
 def mover_discs(tracks: MoverTracks, t_ns: int, config: SeparationConfig) -> FloatArray:
     """Express tracks at an instant as the kernels take them.
 
@@ -181,17 +204,33 @@ def mover_discs(tracks: MoverTracks, t_ns: int, config: SeparationConfig) -> Flo
         (n, 8) x, y, m, vx, vy, m/s, in map; radius, m; growth of the radius, m/s; the pace, m/s,
         at which the thing may turn round at any time; and the fastest pace of late, m/s.
     """
-    pace = np.hypot(*tracks.velocity_mps.T)
-    return np.column_stack(
-        (
-            tracks.places_at(t_ns),
-            tracks.velocity_mps,
-            tracks.radius_m + tracks.std_m,
-            config.grows_mps + config.grows_share * pace,
-            pace,
-            tracks.pace_mps,
-        )
+    return _discs(
+        tracks.position_m,
+        tracks.velocity_mps,
+        tracks.radius_m,
+        tracks.std_m,
+        tracks.pace_mps,
+        1e-9 * (t_ns - tracks.t_ns),
+        (config.grows_mps, config.grows_share),
     )
+
+
+@njit(cache=True)
+def gaps_now(pose: FloatArray, movers: FloatArray, half: FloatArray) -> FloatArray:
+    """Measure the present distance from the footprint to each mover.
+
+    Args:
+        pose: (3,) of base_link in map, m, m, rad.
+        movers: (n, 8) as in `mover_discs`.
+        half: (2,) half the footprint's length and width, m.
+
+    Returns:
+        (n,) the gaps, m; negative inside.
+    """
+    gaps = np.empty(movers.shape[0])
+    for i in range(movers.shape[0]):
+        gaps[i] = gap_after(pose, 0.0, 0.0, 0.0, movers[i], half)
+    return gaps
 
 
 class Separation:
@@ -234,21 +273,25 @@ class Separation:
         if moves:
             self._moved_ns = t_ns
 
-    def note_visits(self, pose: FloatArray, tracks: MoverTracks, movers: FloatArray) -> None:
+    def note_visits(
+        self, pose: FloatArray, tracks: MoverTracks, movers: FloatArray, gaps: FloatArray
+    ) -> None:
         """Remember what comes within the margin, and how it came.
 
         Args:
             pose: (3,) of base_link in map, m, m, rad.
             tracks: What moves.
             movers: (n, 8) the same as in `mover_discs`.
+            gaps: (n,) their distances from the footprint now, m.
         """
-        config, half = self.config, self.limits[3:5]
-        for number, mover in zip(tracks.number.tolist(), movers, strict=True):
-            lively = mover[6] > config.stands_mps
-            if lively and gap_after(pose, 0.0, 0.0, 0.0, mover, half) < config.margin_m:
+        config = self.config
+        for i in np.flatnonzero(gaps < config.margin_m).tolist():
+            mover = movers[i]
+            if mover[6] > config.stands_mps:
                 towards = mover[2] * (pose[0] - mover[0]) + mover[3] * (pose[1] - mover[1])
                 velocity = mover[2:4] if towards > 0.0 else -mover[2:4]
-                self._visits[number] = (velocity.copy(), tracks.t_ns + self._visit_memory_ns)
+                until_ns = tracks.t_ns + self._visit_memory_ns
+                self._visits[int(tracks.number[i])] = (velocity.copy(), until_ns)
 
     def expected_returns(self, tracks: MoverTracks, movers: FloatArray) -> FloatArray:
         """Predict that what came within the margin lately comes again, as it came then.
@@ -260,6 +303,8 @@ class Separation:
         Returns:
             (k, 8) those of the movers that are remembered, with the velocities at which they came.
         """
+        if not self._visits:
+            return movers[:0]
         self._visits = {n: v for n, v in self._visits.items() if v[1] > tracks.t_ns}
         known = [i for i, n in enumerate(tracks.number.tolist()) if n in self._visits]
         returning = movers[known]
@@ -267,15 +312,34 @@ class Separation:
             row[2:4] = self._visits[int(tracks.number[i])][0]
         return returning
 
-    def must_stand(self, pose: FloatArray, tracks: MoverTracks, t_ns: int) -> bool:
+    def may_be_met(self, movers: FloatArray, gaps: FloatArray, top_mps: float) -> bool:
+        """Say whether anything may come so near within the horizon that evading it is worth a look.
+
+        Args:
+            movers: (n, 8) as in `mover_discs`.
+            gaps: (n,) their distances from the footprint now, m.
+            top_mps: The robot's largest speed, m/s.
+
+        Returns:
+            False only if no motion of the robot can bring it near, or near a return of a visitor.
+        """
+        if self._visits:
+            return True
+        # However the footprint turns, it stays within half its diagonal of its centre.
+        config, turning_m = self.config, math.hypot(self.limits[3], self.limits[4])
+        nearing = top_mps + movers[:, 6] + movers[:, 5]
+        reach = config.threat_m + turning_m + config.horizon_s * nearing
+        return bool((gaps < reach).any())
+
+    def must_stand(self, tracks: MoverTracks, gaps: FloatArray, t_ns: int) -> bool:
         """Say whether the robot must stand whatever it is asked for.
 
         That is so without recent news of the movers, and for a while where a standing robot has
         something beside it that moved lately: it may reach the robot before that has got away.
 
         Args:
-            pose: (3,) of base_link in map, m, m, rad.
             tracks: What moves.
+            gaps: (n,) distances of the movers from the footprint now, m.
             t_ns: The instant, ns.
 
         Returns:
@@ -287,9 +351,6 @@ class Separation:
         if not _STOOD_NS < stood_ns < self._touch_patience_ns:
             return False
         # What moved lately and can be at the robot's side before it has got away; or touches it.
-        config, half = self.config, self.limits[3:5]
-        movers = mover_discs(tracks, t_ns, config)
-        gaps = np.array([gap_after(pose, 0.0, 0.0, 0.0, mover, half) for mover in movers])
-        patient = stood_ns < self._patience_ns
+        config, patient = self.config, stood_ns < self._patience_ns
         near = config.margin_m + config.restless_s * tracks.pace_mps if patient else 0.0
         return bool(((gaps < near) & (tracks.pace_mps > config.stands_mps)).any())

@@ -1,9 +1,9 @@
 """MuJoCo for compiled code: the address of its step function, and where its contacts lie.
 
-MuJoCo's Python bindings cost as much per physics step as the step itself. A compiled loop needs only
-addresses: of ``mj_step``, of the model and the state, and of the contacts within the state. The
-offsets follow from the struct descriptions that MuJoCo ships (`mujoco.introspect`). They are compared
-with what the bindings say of a ball on a plane before any plant relies on them.
+MuJoCo's Python bindings cost as much per physics step as the step itself. A compiled loop needs
+only addresses: of ``mj_step``, of the model and the state, and of the contacts within the state.
+The offsets follow from the struct descriptions that MuJoCo ships (`mujoco.introspect`). They are
+compared with what the bindings say of a ball on a plane before any plant relies on them.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ class Engine(NamedTuple):
         step: Address of ``mj_step``.
         model: Address of the ``mjModel``.
         data: Address of the ``mjData``.
-        count: Address of the number of contacts.
+        contact_count: Address of the number of contacts.
         contacts: Address of the pointer to the contacts.
-        rows: Address of the number of constraints.
+        row_count: Address of the number of constraints.
         forces: Address of the pointer to the constraints' forces.
         size: Size of a contact, bytes.
         pos: Offset of a contact's position, bytes.
@@ -61,9 +61,9 @@ class Engine(NamedTuple):
     step: int
     model: int
     data: int
-    count: int
+    contact_count: int
     contacts: int
-    rows: int
+    row_count: int
     forces: int
     size: int
     pos: int
@@ -116,14 +116,10 @@ def find_engine(model: mujoco.MjModel, data: mujoco.MjData) -> Engine | None:
 
 def _engine(model: mujoco.MjModel, data: mujoco.MjData) -> Engine:
     state, contact, at = _struct("mjData"), _struct("mjContact"), data._address
-    return Engine(
-        _step_address(),
-        model._address,
-        at,
-        *(at + getattr(state, name).offset for name in ("ncon", "contact", "nefc", "efc_force")),
-        ctypes.sizeof(contact),
-        *(getattr(contact, name).offset for name in ("pos", "frame", "geom", "efc_address")),
-    )
+    in_state = [getattr(state, name).offset for name in ("ncon", "contact", "nefc", "efc_force")]
+    in_contact = [getattr(contact, n).offset for n in ("pos", "frame", "geom", "efc_address")]
+    fields = [at + offset for offset in in_state] + [ctypes.sizeof(contact), *in_contact]
+    return Engine(_step_address(), model._address, at, *fields)
 
 
 @cache
@@ -137,11 +133,12 @@ def _is_trusted() -> bool:
         return False
     for one in (data, twin):
         mujoco.mj_forward(model, one)
-    count = ctypes.c_int.from_address(engine.count).value
-    rows = ctypes.c_int.from_address(engine.rows).value
+    count = ctypes.c_int.from_address(engine.contact_count).value
+    rows = ctypes.c_int.from_address(engine.row_count).value
     if not data.ncon or (count, rows) != (data.ncon, data.nefc):
         return False
-    if not all(map(np.array_equal, contacts_of(engine), contact_arrays(data))):
+    pairs = zip(contacts_of(engine), contact_arrays(data), strict=True)
+    if not all(np.array_equal(mine, theirs) for mine, theirs in pairs):
         return False
     step_engine(engine)
     mujoco.mj_step(model, twin)
@@ -205,8 +202,8 @@ def contacts_of(engine: Engine) -> ContactArrays:
     Returns:
         The contacts, valid until the next step.
     """
-    n = carray(_pointer(engine.count), 1, np.int32)[0]
-    rows = carray(_pointer(engine.rows), 1, np.int32)[0]
+    n = carray(_pointer(engine.contact_count), 1, np.int32)[0]
+    rows = carray(_pointer(engine.row_count), 1, np.int32)[0]
     at = carray(_pointer(engine.contacts), 1, np.int64)[0]
     force = carray(_pointer(carray(_pointer(engine.forces), 1, np.int64)[0]), rows, np.float64)
     numbers = carray(_pointer(at), (n, engine.size // 8), np.float64)

@@ -57,13 +57,17 @@ _DROP_M = 0.001  # a reset places the vehicle this high over the ground, then le
 class Plant:
     """A vehicle in its arena, stepped with a fixed period."""
 
-    def __init__(self, model: mujoco.MjModel, config: Config) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, config: Config, through_bindings: bool = False
+    ) -> None:
         """Make the plant. It is not at rest yet: call `reset` before the first step.
 
         Args:
             model: an arena with the vehicle attached (see `arena.build`). The plant works on a copy
                 with the configuration's time step and rotors.
             config: the settings. ``config.vehicle`` is not read: it is what the robot believes.
+            through_bindings: whether to step MuJoCo through its bindings, which takes twice the
+                time and gives the same bits; they are used anyway where its addresses are unknown.
 
         Raises:
             ValueError: the model lacks what the tracks need.
@@ -74,7 +78,8 @@ class Plant:
         self.t_ns = 0
         self._dt_ns = round(config.rates.physics_s * 1e9)
         self._period_s = config.rates.control_s
-        self._rays, self._engine = ArenaRays(model, data), find_engine(model, data)
+        self._rays = ArenaRays(model, data)
+        self._engine = None if through_bindings else find_engine(model, data)
         self._imu = site_in_base(model, "imu")
         self._joint_friction = model.dof_frictionloss.copy()
         # The arena's movable bodies may come first. The kernels' views begin at the vehicle.

@@ -15,6 +15,7 @@ from simloop.config import SeparationConfig
 from simloop.control.arbiter import STILL
 from simloop.control.separation import (
     gap_after,
+    gaps_now,
     least_gap,
     mover_discs,
     safe_part,
@@ -133,7 +134,7 @@ def choose(asked, tracks, t_ns=0, last=STILL, **others):
 
 
 def test_it_drives_on_yields_and_stands_without_news():
-    moving, pose = Velocity(0.4, 0.1), np.zeros(3)
+    moving = Velocity(0.4, 0.1)
     assert choose(moving, None, last=moving) == (moving, Mode.FOLLOW)
     far = tracks_of((3.0, 3.0, 0.0, 0.0, 0.2))
     assert choose(moving, far, last=moving) == (moving, Mode.FOLLOW)
@@ -141,7 +142,8 @@ def test_it_drives_on_yields_and_stands_without_news():
     velocity, mode = choose((0.4, 0.0), before, last=Velocity(0.4, 0.0))
     assert (velocity.speed_mps < 0.4, mode) == (True, Mode.YIELD)
     assert choose((0.4, 0.0), far, 10**9) == (STILL, Mode.YIELD)
-    assert separation_of().must_stand(pose, far, 10**9)
+    gaps = gaps_now(np.zeros(3), mover_discs(far, 0, SeparationConfig()), HALF)
+    assert separation_of().must_stand(far, gaps, 10**9)
 
 
 def test_it_gets_out_of_the_way_of_what_is_coming_and_only_where_it_may():
@@ -205,7 +207,8 @@ def test_what_came_within_the_margin_is_expected_again_as_it_came():
     held, pose = separation_of(), np.zeros(3)
     coming = tracks_of((0.5, 0.0, -0.4, 0.0, 0.2))
     assert held.expected_returns(coming, mover_discs(coming, 0, SeparationConfig())).size == 0
-    held.note_visits(pose, coming, mover_discs(coming, 0, SeparationConfig()))
+    there = mover_discs(coming, 0, SeparationConfig())
+    held.note_visits(pose, coming, there, gaps_now(pose, there, HALF))
     later = 2 * 10**9
     waiting = tracks_of((0.7, 0.0, 0.0, 0.0, 0.2), t_ns=later)
     discs = mover_discs(waiting, later, SeparationConfig())
@@ -214,6 +217,24 @@ def test_what_came_within_the_margin_is_expected_again_as_it_came():
     assert returning[0, :2] == pytest.approx([0.7, 0.0])
     forgotten = tracks_of((0.7, 0.0, 0.0, 0.0, 0.2), t_ns=later + 9 * 10**9)
     assert held.expected_returns(forgotten, discs).size == 0
+
+
+def test_only_what_no_motion_can_bring_near_is_left_out_of_sight():
+    """Against predictions of many motions: what is not looked at never comes within the threat."""
+    held, rng, far = separation_of(), np.random.default_rng(3), 0
+    for _ in range(400):
+        x, y, vx, vy = rng.uniform(-2.5, 2.5, 2).tolist() + rng.uniform(-0.6, 0.6, 2).tolist()
+        discs = mover_discs(tracks_of((x, y, vx, vy, 0.2)), 0, SeparationConfig())
+        gaps = gaps_now(np.zeros(3), discs, HALF)
+        if held.may_be_met(discs, gaps, DRIVE.max_speed_mps):
+            continue
+        far += 1
+        for _ in range(20):
+            target = rng.uniform(-1.0, 1.0, 2) * [DRIVE.max_speed_mps, DRIVE.max_yaw_rate_radps]
+            last = rng.uniform(-1.0, 1.0, 2) * [DRIVE.max_speed_mps, DRIVE.max_yaw_rate_radps]
+            gap = least_gap(np.zeros(3), last, target, ACCELERATIONS, discs, HALF, 1.5)
+            assert gap > SeparationConfig().threat_m
+    assert far > 50
 
 
 def test_while_something_may_touch_it_it_stands_longer():
