@@ -137,8 +137,9 @@ def _is_trusted() -> bool:
     rows = ctypes.c_int.from_address(engine.row_count).value
     if not data.ncon or (count, rows) != (data.ncon, data.nefc):
         return False
-    pairs = zip(contacts_of(engine), contact_arrays(data), strict=True)
-    if not all(np.array_equal(mine, theirs) for mine, theirs in pairs):
+    mine: tuple[Any, ...] = contacts_of(engine)
+    theirs: tuple[Any, ...] = contact_arrays(data)
+    if not all(np.array_equal(a, b) for a, b in zip(mine, theirs, strict=True)):
         return False
     step_engine(engine)
     mujoco.mj_step(model, twin)
