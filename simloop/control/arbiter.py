@@ -55,6 +55,7 @@ _RECOVERY_RATE_SHARE = 0.44  # largest yaw rate of a robot that frees itself
 _ARC_S = 1.5  # duration of the fan's arcs
 _CLEAR_S = 1.0  # duration for which an evasive arc must be free of what stands
 _WAY_OUT_KEPT_NS = 400_000_000
+_NO_BETTER_NS = 500_000_000  # an evasion goes on so long where nothing else is better
 _RATE_COUNTS_M = 0.25  # a yaw rate off by 1 rad/s counts like a speed off by so many m/s
 _ROOM_M = 0.08  # more room than this around the robot is worth no more
 
@@ -156,7 +157,7 @@ class VelocityArbiter:
         discs = mover_discs(tracks, now.t_ns, separation.config)
         gaps = gaps_now(now.pose, discs, separation.limits[3:5])
         separation.note_visits(now.pose, tracks, discs, gaps)
-        if separation.must_stand(tracks, gaps, now.t_ns):
+        if separation.must_stand(now.pose, tracks, discs, gaps, now.t_ns):
             chosen, _ = self._go_over(before, STILL, now, discs)
             return chosen, Mode.YIELD
         evasion: Velocity | None = None
@@ -172,7 +173,8 @@ class VelocityArbiter:
 
     def _permitted(self, wanted: Velocity, now: Situation) -> Velocity:
         """The part of a velocity that cap and reversing permit, on the same arc."""
-        speed, rate = wanted
+        most = self._rate_per_speed * self._top_mps
+        speed, rate = wanted.speed_mps, min(max(wanted.yaw_rate_radps, -most), most)
         if speed < 0.0 and not (now.may_reverse and is_on_trail(now.trail_m, speed, rate)):
             return STILL
         cap = now.speed_cap_mps
@@ -263,6 +265,10 @@ class VelocityArbiter:
         clear = (found[:, FREE] * _ARC_S >= _CLEAR_S) & (found[:, GAP] > stood + config.worth_m)
         found[:, GAP] = np.minimum(found[:, GAP], config.comfort_m)
         best = self._best_of(found, EVADE, now, clear, wanted)
+        if best is None and now.t_ns < self._evasion_until_ns + _NO_BETTER_NS:
+            # What is asked for would lead back into its way: the last evasion goes on, as far as
+            # that is safe.
+            return self._evasion
         if best is not None:
             self._evasion = best
             self._evasion_until_ns = now.t_ns + round(config.keep_s * 1e9)

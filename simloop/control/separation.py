@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from simloop.config import DriveConfig, MonitorConfig, SeparationConfig, VehicleConfig
 from simloop.geometry.footprint import arc_end, rectangle_distance
@@ -55,6 +56,15 @@ def _comes(mover: FloatArray, pose: FloatArray, stands_mps: float) -> bool:
     dx, dy = pose[0] - mover[0], pose[1] - mover[1]
     towards = mover[2] * dx + mover[3] * dy
     return mover[6] > stands_mps and towards > _AWAY * mover[6] * math.hypot(dx, dy)
+
+
+@njit(cache=True)
+def _leaves(movers: FloatArray, pose: FloatArray, stands_mps: float) -> NDArray[np.bool_]:
+    """(n,) whether each of movers (n, 8) is clearly on its way from ``pose`` (2+)."""
+    out = np.empty(movers.shape[0], np.bool_)
+    for i in range(movers.shape[0]):
+        out[i] = movers[i, 6] > stands_mps and not _comes(movers[i], pose, stands_mps)
+    return out
 
 
 @njit(cache=True)
@@ -331,15 +341,25 @@ class Separation:
         reach = config.threat_m + turning_m + config.horizon_s * nearing
         return bool((gaps < reach).any())
 
-    def must_stand(self, tracks: MoverTracks, gaps: FloatArray, t_ns: int) -> bool:
+    def must_stand(
+        self,
+        pose: FloatArray,
+        tracks: MoverTracks,
+        movers: FloatArray,
+        gaps: FloatArray,
+        t_ns: int,
+    ) -> bool:
         """Say whether the robot must stand whatever it is asked for.
 
         That is so without recent news of the movers, and for a while where a standing robot has
         something beside it that moved lately: it may reach the robot before that has got away.
+        What is on its way from the robot does not hold it: then is the time to leave.
 
         Args:
+            pose: (3,) of base_link in map, m, m, rad.
             tracks: What moves.
-            gaps: (n,) distances of the movers from the footprint now, m.
+            movers: (n, 8) the same as in `mover_discs`.
+            gaps: (n,) their distances from the footprint now, m.
             t_ns: The instant, ns.
 
         Returns:
@@ -353,4 +373,5 @@ class Separation:
         # What moved lately and can be at the robot's side before it has got away; or touches it.
         config, patient = self.config, stood_ns < self._patience_ns
         near = config.margin_m + config.restless_s * tracks.pace_mps if patient else 0.0
-        return bool(((gaps < near) & (tracks.pace_mps > config.stands_mps)).any())
+        holds = (gaps < near) & (tracks.pace_mps > config.stands_mps)
+        return bool((holds & ~_leaves(movers, pose, config.stands_mps)).any())

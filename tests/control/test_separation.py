@@ -142,8 +142,8 @@ def test_it_drives_on_yields_and_stands_without_news():
     velocity, mode = choose((0.4, 0.0), before, last=Velocity(0.4, 0.0))
     assert (velocity.speed_mps < 0.4, mode) == (True, Mode.YIELD)
     assert choose((0.4, 0.0), far, 10**9) == (STILL, Mode.YIELD)
-    gaps = gaps_now(np.zeros(3), mover_discs(far, 0, SeparationConfig()), HALF)
-    assert separation_of().must_stand(far, gaps, 10**9)
+    pose, discs = np.zeros(3), mover_discs(far, 0, SeparationConfig())
+    assert separation_of().must_stand(pose, far, discs, gaps_now(pose, discs, HALF), 10**9)
 
 
 def test_it_gets_out_of_the_way_of_what_is_coming_and_only_where_it_may():
@@ -184,6 +184,35 @@ def test_beside_what_has_just_stopped_it_stands_a_while_but_not_for_ever():
     moving.choose(Velocity(0.3, 0.0), STILL, situation(t_ns=10**10))
     now = situation(t_ns=10**10, movers=replace(lively, t_ns=10**10))
     assert moving.choose(Velocity(0.3, 0.0), Velocity(0.3, 0.0), now)[0].speed_mps > 0.0
+
+
+def test_what_goes_away_does_not_hold_it():
+    # Touching its side, on the way off, and on the way in.
+    for vy, held in ((0.3, False), (-0.3, True)):
+        tracks = tracks_of((-0.1, 0.46, 0.0, vy, 0.25))
+        assert (stands_beside(tracks, 0.5, (0.0, 0.0))[1] is Mode.YIELD) == held
+
+
+def test_an_evasion_goes_on_where_nothing_better_is_found():
+    """It retreats from what comes; then nothing is better, and what is asked leads back to it."""
+    arbiter, last, t_ns = arbiter_of(), STILL, 10**10
+    asked = Velocity(0.4, 0.0)
+    for k in range(20):
+        coming = tracks_of((1.0, 0.0, -0.4, 0.0, 0.2), t_ns=t_ns)
+        last, mode = arbiter.choose(asked, last, situation(t_ns=t_ns, movers=coming))
+        t_ns += 10_000_000
+        assert mode is Mode.DODGE, k
+    assert last.speed_mps < 0.0
+    # Hemmed in on all sides: no arc keeps away, whatever the robot does.
+    ring = [(0.75 * math.cos(a), 0.75 * math.sin(a)) for a in np.arange(0.0, 6.3, 0.7)]
+    modes = []
+    for _ in range(120):
+        tracks = tracks_of(*((x, y, -0.4 * x, -0.4 * y, 0.1) for x, y in ring), t_ns=t_ns)
+        velocity, mode = arbiter.choose(asked, last, situation(t_ns=t_ns, movers=tracks))
+        modes.append((mode is Mode.DODGE, velocity.speed_mps <= 0.0))
+        t_ns += 10_000_000
+    assert all(dodges and retreats for dodges, retreats in modes[:40])
+    assert not all(dodges for dodges, _ in modes)
 
 
 def test_a_goal_is_met_where_it_will_be():
