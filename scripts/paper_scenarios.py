@@ -21,7 +21,7 @@ import numpy as np
 
 from simloop.benchmarks.planners.paper_scenes import PAPER_SCENES, online_scene, paper_scene
 from simloop.evaluation.shortest_path import shortest_path
-from simloop.messages import FloatArray
+from simloop.messages import FloatArray, WorldView
 from simloop.scenario.catalog import scenario_files
 from simloop.worlds.floor_plan import Section, rasterise
 from simloop.worlds.layout import walls_about
@@ -53,16 +53,15 @@ class Scene:
     Attributes:
         ends: (2, 2) start and goal.
         bounds: (4,) x_min, y_min, x_max, y_max.
-        discs: (K, 3) x, y, radius.
-        polygons: (V, 2) corners of each convex polygon, counter-clockwise.
-        boxes: (B, 4) x_min, y_min, x_max, y_max of those polygons that are boxes: all or none.
+        view: discs and convex polygons, as planners receive them.
+        boxes: (B, 4) x_min, y_min, x_max, y_max of the polygons, cut off at the bounds, if they are
+            boxes.
         safe: distance that the paper's path keeps.
     """
 
     ends: FloatArray
     bounds: FloatArray
-    discs: FloatArray
-    polygons: tuple[FloatArray, ...]
+    view: WorldView
     boxes: FloatArray
     safe: float
 
@@ -75,7 +74,7 @@ def scene_of(scenario: str, unit_m: float) -> Scene:
         unit_m: Metres in one unit of the paper.
 
     Returns:
-        The scene. Its boxes are cut off at the bounds.
+        The scene.
     """
     name = WORLDS[scenario][0]
     if name in PAPER_SCENES:
@@ -91,7 +90,7 @@ def scene_of(scenario: str, unit_m: float) -> Scene:
     high = np.maximum(view.bounds_m[2:], ends.max(axis=0) + edge)
     boxes = np.clip(boxes, np.tile(low, 2), np.tile(high, 2))
     bounds = np.concatenate((low, high))
-    return Scene(ends, bounds, view.discs_xyr_m, view.polygons_m, boxes, safe)
+    return Scene(ends, bounds, view, boxes, safe)
 
 
 def scale_of(text: str) -> float:
@@ -124,8 +123,8 @@ def narrowest(scenario: str, unit_m: float) -> tuple[float, float]:
         paper.
     """
     scene, walls = scene_of(scenario, unit_m), WORLDS[scenario][1]
-    sections = [Section("disc", np.array([[x, y]]), r) for x, y, r in scene.discs]
-    sections += [Section("polygon", np.array(corners)) for corners in scene.polygons]
+    sections = [Section("disc", np.array([[x, y]]), r) for x, y, r in scene.view.discs_xyr_m]
+    sections += [Section("polygon", np.array(corners)) for corners in scene.view.polygons_m]
     if walls:
         x0, y0, x1, y1 = scene.bounds.tolist()
         sections += [wall.sections("wall")[0] for wall in walls_about((x0, y0, x1, y1), 1.0)]
@@ -189,10 +188,10 @@ def geometry(scenario: str, unit_m: float) -> str:
         f"bounds_m = {_row(*bounds)}",
         "obstacles = [",
     ]
-    for cx, cy, radius in unit_m * scene.discs:
+    for cx, cy, radius in unit_m * scene.view.discs_xyr_m:
         lines.append(_obstacle("cylinder", (cx, cy), f"size_m = {_row(2.0 * radius)}"))
     lines += [_box(*box) for box in unit_m * scene.boxes]
-    for corners in () if len(scene.boxes) else scene.polygons:
+    for corners in () if len(scene.boxes) else scene.view.polygons_m:
         middle = np.round(unit_m * corners.mean(axis=0), 3)
         rows = ", ".join(_row(*corner) for corner in unit_m * corners - middle)
         lines.append(_obstacle("polygon", middle, f"vertices_m = [{rows}]"))
