@@ -196,16 +196,20 @@ class MoverTracker:
         return theirs if theirs.any() else None
 
     def _assign(self, clusters: list[Cluster], t_ns: int) -> None:
-        """Assign clusters to tracks, nearest pairs first; start and drop tracks."""
+        """Assign clusters to tracks, nearest pairs first; start and drop tracks.
+
+        Confirmed tracks choose first. Otherwise a fragment that starts a track of its own takes the
+        obstacle away from the track that knows its pace.
+        """
         pairs = sorted(
-            (math.dist(track.place, cluster.centre), i, k)
+            (not track.confirmed, math.dist(track.place, cluster.centre), i, k)
             for i, track in enumerate(self._tracks)
             for k, cluster in enumerate(clusters)
             if math.dist(track.place, cluster.centre) < _GATE_M + _GATE_SIGMAS * track.std_m
         )
         used_tracks: set[int] = set()
         used: set[int] = set()
-        for _, i, k in pairs:
+        for *_, i, k in pairs:
             if i not in used_tracks and k not in used:
                 self._tracks[i].observe(clusters[k], t_ns)
                 used_tracks.add(i)
