@@ -48,9 +48,8 @@ def walk(case: str) -> tuple[np.ndarray, int]:
         done = simulate(online_scene(scene), steering, rng)
         return done.points_m, done.evaluations
     one = _in_a_field() if scene == "field" else paper_scene(scene)
-    vehicle = VehicleConfig() if scene == "field" else _POINT
     task = PlanningTask(one.world, one.start, one.goal, one.safe_m)
-    plan = make_planner(_config(name, one.safe_m), vehicle).plan(task, rng)
+    plan = make_planner(_config(name, one.safe_m), _POINT).plan(task, rng)
     return plan.waypoints_m, plan.evaluations
 
 

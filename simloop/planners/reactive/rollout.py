@@ -15,9 +15,11 @@ import numpy as np
 from numba import njit
 
 from simloop.config import PlannerConfig, VehicleConfig
+from simloop.geometry.distance_field import FREE_M
 from simloop.messages import FloatArray, Plan, WorldView
 from simloop.planners.problem.account import account, lack_of, problem_of
 from simloop.planners.problem.clearance import Problem, relaxed_clearance
+from simloop.planners.problem.flat_problem import allowance, sample_field
 from simloop.planners.protocol import PlanningTask
 
 TOLERANCE_SHARES = (0.02, 0.005, 0.0)
@@ -38,6 +40,8 @@ class Rollout(NamedTuple):
         evaluations: Number of candidates tried.
         generations: Number of generations of a search, if there was one.
         candidates: Further paths (n, 2), m, map frame, for display.
+        others: Further paths (n, 2), m, map frame, that reach the goal. If ``path`` lacks clearance,
+            the first of them that does not is used.
     """
 
     path: FloatArray
@@ -45,15 +49,17 @@ class Rollout(NamedTuple):
     evaluations: int
     generations: int = 0
     candidates: tuple[FloatArray, ...] = ()
+    others: tuple[FloatArray, ...] = ()
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def nearest_surface(p: Problem, x: float, y: float) -> tuple[float, float, float]:
     """Compute the distance from a point to the nearest grown obstacle, and its gradient.
 
     Obstacles are grown by the safe distance. Near a start that is too close to an obstacle the safe
     distance is relaxed. Among discs the gradient is exact, elsewhere it comes from central
-    differences.
+    differences. The function is compiled into its callers, whose loops would otherwise spend most
+    of their time on handing the problem over.
 
     Args:
         p: The planning problem.
@@ -64,27 +70,36 @@ def nearest_surface(p: Problem, x: float, y: float) -> tuple[float, float, float
         Distance, m, negative inside the grown obstacle; unit vector away from the obstacle, or
         (0, 0) where the distance has no slope.
     """
-    gap = relaxed_clearance(p, x, y) - p.safe_m
+    ux, uy = 0.0, 0.0
     if p.field.size == 0 and p.corners.size == 0:
-        least = np.inf
-        ux, uy = 0.0, 0.0
+        gap, least = FREE_M, np.inf
         for k in range(p.discs.shape[1]):
             dx, dy = x - p.discs[0, k], y - p.discs[1, k]
             apart = math.hypot(dx, dy)
+            gap = min(gap, apart - p.discs[2, k])
             if apart - p.discs[2, k] < least and apart > 0.0:
                 least = apart - p.discs[2, k]
                 ux, uy = dx / apart, dy / apart
-        return gap, ux, uy
-    h = _SLOPE_CELLS / p.per_m if p.field.size > 0 else _SLOPE_SAFE * p.safe_m
-    gx = relaxed_clearance(p, x + h, y) - relaxed_clearance(p, x - h, y)
-    gy = relaxed_clearance(p, x, y + h) - relaxed_clearance(p, x, y - h)
+        return gap + allowance(p, x, y) - p.safe_m, ux, uy
+    if p.field.size > 0:
+        h = _SLOPE_CELLS / p.per_m
+        gap = sample_field(p, x, y) + allowance(p, x, y)
+        gx = sample_field(p, x + h, y) + allowance(p, x + h, y)
+        gx -= sample_field(p, x - h, y) + allowance(p, x - h, y)
+        gy = sample_field(p, x, y + h) + allowance(p, x, y + h)
+        gy -= sample_field(p, x, y - h) + allowance(p, x, y - h)
+    else:
+        h = _SLOPE_SAFE * p.safe_m
+        gap = relaxed_clearance(p, x, y)
+        gx = relaxed_clearance(p, x + h, y) - relaxed_clearance(p, x - h, y)
+        gy = relaxed_clearance(p, x, y + h) - relaxed_clearance(p, x, y - h)
     size = math.hypot(gx, gy)
-    if size < 1e-12:
-        return gap, 0.0, 0.0
-    return gap, gx / size, gy / size
+    if size >= 1e-12:
+        ux, uy = gx / size, gy / size
+    return gap - p.safe_m, ux, uy
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def inside_bounds(p: Problem, x: float, y: float) -> bool:
     """Tell whether a point lies in the waypoints' box, extended to start and goal.
 
@@ -179,6 +194,11 @@ def plan_by_rollout(
         done = roll_out(with_extra_clearance(problem, share * problem.overhang_m), attempt)
         evaluations += done.evaluations
         path, lack = _finish(problem, done)
+        for other in done.others if lack > 0.0 else ():
+            safe, none = _finish(problem, done._replace(path=other))
+            if none == 0.0:
+                path, lack = safe, none
+                break
         left = math.hypot(problem.goal_x - path[-1, 0], problem.goal_y - path[-1, 1])
         badness = lack + (0.0 if done.reached else left)
         if best is None or badness < best[0]:
