@@ -17,14 +17,12 @@ from collections.abc import Callable
 import numpy as np
 
 from simloop.messages import WorldView
-from simloop.planners.metaheuristics.rule_avoa import AfricanVultures
-from simloop.planners.metaheuristics.rule_swarm import AdaptiveSwarm
 from simloop.planners.problem.clearance import Problem
 from simloop.planners.reactive.fuzzy import FuzzySteering
+from simloop.planners.reactive.heading_search import swarm_steering, vulture_steering
 from simloop.planners.reactive.online import RangeSensor, motion_box, padded_safe_distance
 from simloop.planners.reactive.rollout import Rollout, RolloutPlanner
 from simloop.planners.reactive.sensing import LocalView
-from simloop.planners.reactive.steering import RuleSteering
 from simloop.planners.reactive.stepper import Steering, Stepper
 from simloop.planners.splitmix import State, make_state
 
@@ -89,7 +87,7 @@ class AvoaOnline(OnlinePlanner):
         Returns:
             The steering; see `OnlinePlanner.steering`.
         """
-        return RuleSteering(AfricanVultures)
+        return vulture_steering()
 
 
 class ApsoOnline(OnlinePlanner):
@@ -103,7 +101,7 @@ class ApsoOnline(OnlinePlanner):
         Returns:
             The steering; see `OnlinePlanner.steering`.
         """
-        return RuleSteering(AdaptiveSwarm)
+        return swarm_steering()
 
 
 class FuzzyWdo(OnlinePlanner):
