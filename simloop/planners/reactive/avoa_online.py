@@ -18,7 +18,7 @@ import numpy as np
 
 from simloop.messages import WorldView
 from simloop.planners.problem.clearance import Problem
-from simloop.planners.reactive.fuzzy import FuzzySteering
+from simloop.planners.reactive.controller_search import CompiledFuzzySteering
 from simloop.planners.reactive.heading_search import swarm_steering, vulture_steering
 from simloop.planners.reactive.online import RangeSensor, motion_box, padded_safe_distance
 from simloop.planners.reactive.rollout import Rollout, RolloutPlanner
@@ -115,4 +115,4 @@ class FuzzyWdo(OnlinePlanner):
         Returns:
             The steering with untuned parameters; see `OnlinePlanner.steering`.
         """
-        return FuzzySteering()
+        return CompiledFuzzySteering()

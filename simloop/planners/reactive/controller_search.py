@@ -1,0 +1,330 @@
+"""Compiled tuning of the fuzzy controller: WDO on the controllers of `fuzzy`.
+
+The plain tuning is `simloop.planners.reactive.fuzzy.FuzzySteering`, the oracle of this one. A
+controller is simulated over several places, with fifteen rays and the test of its heading at each.
+Most sensed points cannot change anything at a place, for one of these reasons:
+
+- They are so far away that a sector counts as far in any case (`far_membership` is 1).
+- They are farther than the safe distance from every ray of a sector.
+- They are too far away to block a step.
+
+Such points are left out before the rays are cast, and a sector is done as soon as it counts as near
+(`far_membership` is 0). Every membership, and so every heading and cost, is that of all points.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import astuple
+
+import numpy as np
+from numba import njit
+
+from simloop.messages import FloatArray
+from simloop.planners.metaheuristics.population import draw_uniform
+from simloop.planners.metaheuristics.rule_wdo import WdoOptions, blow
+from simloop.planners.reactive.fuzzy import (
+    HALF_SECTOR_RAD,
+    HIGH,
+    LOW,
+    RETUNE_STEPS,
+    SECTOR_RAYS,
+    SECTORS_RAD,
+    SIMULATED_STEPS,
+    controller_heading,
+    evasive_heading,
+    fuzzy_turn,
+)
+from simloop.planners.reactive.sensing import (
+    BEAMS,
+    LocalView,
+    collision_threat,
+    distance_to_edge,
+    nearest_mover_distance,
+    within,
+)
+from simloop.planners.reactive.steering import (
+    AGENTS,
+    GOAL_WEIGHT,
+    ITERATIONS,
+    OBSTACLE_WEIGHT,
+    TURN_WEIGHT,
+)
+from simloop.planners.reactive.stepper import BLOCKED_COST
+from simloop.planners.splitmix import State, below
+
+_SPARE = 1.0 + 1e-9  # of every bound that leaves points out, for rounding errors
+
+
+@njit(cache=True)
+def _collect(view: LocalView, x: float, y: float, radius: float, near: FloatArray) -> tuple[int, float]:
+    """Collect the points within a radius of a place into near: dx, dy and the squared distance.
+
+    Returns their number, and the distance of the nearest of all points (`nearest_point_distance`).
+    """
+    count, least = 0, view.reach_m
+    bound, square = least * least * _SPARE, radius * radius * _SPARE
+    for k in range(view.points.shape[0]):
+        dx, dy = view.points[k, 0] - x, view.points[k, 1] - y
+        apart = dx * dx + dy * dy
+        if apart <= bound:
+            least = min(least, math.hypot(dx, dy))
+            bound = least * least * _SPARE
+        if apart <= square:
+            near[count, 0], near[count, 1], near[count, 2] = dx, dy, apart
+            count += 1
+    return count, least
+
+
+@njit(cache=True, forceinline=True)
+def _ray(near: FloatArray, count: int, safe: float, ux: float, uy: float, least: float) -> float:
+    """Compute `sensing.free_range` among collected points, at most least."""
+    square = safe * safe
+    for k in range(count):
+        along = near[k, 0] * ux + near[k, 1] * uy
+        if 0.0 < along <= (least + safe) * _SPARE:
+            room = square - (near[k, 2] - along * along)
+            if room > 0.0:
+                least = min(least, max(along - math.sqrt(room), 0.0))
+    return least
+
+
+@njit(cache=True)
+def _sector(
+    view: LocalView,
+    x: float,
+    y: float,
+    middle: float,
+    low: float,
+    high: float,
+    near: FloatArray,
+    count: int,
+    chosen: FloatArray,
+) -> float:
+    """Compute `fuzzy.sector_range`, in steps; any value below low or above high is as good."""
+    cx, cy = math.cos(middle), math.sin(middle)
+    edge_x, edge_y = math.cos(HALF_SECTOR_RAD), math.sin(HALF_SECTOR_RAD)
+    safe = view.safe_m
+    found = 0
+    for k in range(count):
+        # The distance from the lines along the sector's edges is at most that from its rays.
+        ahead = near[k, 0] * cx + near[k, 1] * cy
+        aside = abs(near[k, 1] * cx - near[k, 0] * cy)
+        if aside * edge_x - ahead * edge_y <= safe * _SPARE:
+            chosen[found, 0], chosen[found, 1] = near[k, 0], near[k, 1]
+            chosen[found, 2] = near[k, 2]
+            found += 1
+    least = min(view.reach_m, high * view.step_m * _SPARE)
+    enough = low * view.step_m / _SPARE
+    for k in range(SECTOR_RAYS):
+        angle = middle + HALF_SECTOR_RAD * (2.0 * k / (SECTOR_RAYS - 1) - 1.0)
+        ux, uy = math.cos(angle), math.sin(angle)
+        least = min(least, distance_to_edge(view.box, x, y, ux, uy))
+        least = _ray(chosen, found, safe, ux, uy, least)
+        if least < enough:
+            break
+    return least / view.step_m
+
+
+@njit(cache=True)
+def _heading(
+    view: LocalView,
+    x: FloatArray,
+    at_x: float,
+    at_y: float,
+    heading: float,
+    near: FloatArray,
+    count: int,
+    chosen: FloatArray,
+) -> float:
+    """Compute `fuzzy.controller_heading` from the points collected about the place."""
+    bearing = math.atan2(view.target_y - at_y, view.target_x - at_x) - heading
+    bearing = (bearing + math.pi) % (2.0 * math.pi) - math.pi
+    side_far, front_far = max(x[3], x[2] + 0.1), max(x[1], x[0] + 0.1)
+    left = _sector(
+        view, at_x, at_y, heading + SECTORS_RAD[0], x[2], side_far, near, count, chosen
+    )  # fmt: skip
+    front = _sector(
+        view, at_x, at_y, heading + SECTORS_RAD[1], x[0], front_far, near, count, chosen
+    )  # fmt: skip
+    right = _sector(
+        view, at_x, at_y, heading + SECTORS_RAD[2], x[2], side_far, near, count, chosen
+    )  # fmt: skip
+    asked = heading + fuzzy_turn(x, left, front, right, bearing)
+    # Only points within a step and the safe distance can block a step.
+    reach = (view.step_m + view.safe_m) * _SPARE
+    found = 0
+    for k in range(count):
+        if near[k, 2] <= reach * reach:
+            chosen[found, 0], chosen[found, 1] = near[k, 0], near[k, 1]
+            chosen[found, 2] = near[k, 2]
+            found += 1
+    for k in range(BEAMS // 2):
+        for side in (1.0, -1.0):
+            angle = asked + side * 2.0 * math.pi * k / BEAMS
+            ux, uy = math.cos(angle), math.sin(angle)
+            least = min(view.reach_m, distance_to_edge(view.box, at_x, at_y, ux, uy))
+            if least >= view.step_m and (
+                _ray(chosen, found, view.safe_m, ux, uy, least) >= view.step_m
+            ):
+                return angle
+    return np.nan
+
+
+@njit(cache=True)
+def cost_of(
+    view: LocalView, x: FloatArray, heading: float, near: FloatArray, chosen: FloatArray
+) -> float:
+    """Compute the cost of a controller; the compiled `fuzzy.controller_cost`.
+
+    Args:
+        view: What the robot knows.
+        x: (7,) parameters of the controller.
+        heading: Present heading, rad, map frame.
+        near: (n, 3) scratch for as many points as the view has.
+        chosen: (n, 3) scratch for as many points as the view has.
+
+    Returns:
+        Cost, without unit.
+    """
+    at_x, at_y, turned, nearest = view.x, view.y, 0.0, view.reach_m
+    danger = 0.0
+    radius = max(x[1], x[3], x[0] + 0.1, x[2] + 0.1, 1.0) * view.step_m + view.safe_m
+    count, _ = _collect(view, at_x, at_y, radius, near)
+    for n in range(SIMULATED_STEPS):
+        angle = _heading(view, x, at_x, at_y, heading, near, count, chosen)
+        if not math.isfinite(angle):
+            return 2.0 * BLOCKED_COST
+        # Predictions of movers start now, so only the first step can be checked against them.
+        if n == 0:
+            vx, vy = view.step_m * math.cos(angle), view.step_m * math.sin(angle)
+            danger = collision_threat(view, vx, vy)
+        turned += abs((angle - heading + math.pi) % (2.0 * math.pi) - math.pi)
+        heading = angle
+        at_x += view.step_m * math.cos(angle)
+        at_y += view.step_m * math.sin(angle)
+        count, apart = _collect(view, at_x, at_y, radius, near)
+        nearest = min(nearest, apart, nearest_mover_distance(view, at_x, at_y))
+        if math.hypot(view.target_x - at_x, view.target_y - at_y) < view.step_m:
+            break
+    left = math.hypot(view.target_x - at_x, view.target_y - at_y) / view.step_m
+    cost = (
+        GOAL_WEIGHT * left
+        + OBSTACLE_WEIGHT * view.safe_m / max(nearest, 1e-3 * view.safe_m)
+        + TURN_WEIGHT * turned
+    )
+    return cost + BLOCKED_COST * danger
+
+
+@njit(cache=True)
+def relevant(view: LocalView) -> LocalView:
+    """Leave out the points that no controller's cost depends on.
+
+    A simulated place is at most `SIMULATED_STEPS` steps away. From there, a sector counts as far
+    beyond the largest far range; and the nearest point is at most as far as the robot's own nearest
+    point is from there.
+
+    Args:
+        view: What the robot knows.
+
+    Returns:
+        The view with fewer points, in which every controller costs the same.
+    """
+    least = np.inf
+    for k in range(view.points.shape[0]):
+        dx, dy = view.points[k, 0] - view.x, view.points[k, 1] - view.y
+        least = min(least, dx * dx + dy * dy)
+    simulated = SIMULATED_STEPS * view.step_m
+    far = simulated + max(HIGH[1], HIGH[3]) * view.step_m + view.safe_m
+    return within(view, max(far, math.sqrt(least) + 2.0 * simulated))
+
+
+@njit(cache=True)
+def _evaluate(
+    view: LocalView,
+    x: FloatArray,
+    out: FloatArray,
+    best: FloatArray,
+    least: float,
+    heading: float,
+    near: FloatArray,
+    chosen: FloatArray,
+) -> float:
+    """Evaluate controllers, kept inside their box; best: the best so far. Return its cost."""
+    for k in range(x.shape[0]):
+        for j in range(x.shape[1]):
+            value = x[k, j] if np.isfinite(x[k, j]) else 0.5 * (LOW[j] + HIGH[j])
+            x[k, j] = min(max(value, LOW[j]), HIGH[j])
+    for k in range(x.shape[0]):
+        out[k] = cost_of(view, x[k], heading, near, chosen)
+    k = np.argmin(out)
+    if out[k] < least:
+        best[:] = x[k]
+        return out[k]
+    return least
+
+
+@njit(cache=True)
+def tune(
+    view: LocalView,
+    tuned: FloatArray,
+    heading: float,
+    figures: tuple[float, float, float, float, float],
+    state: State,
+) -> int:
+    """Tune a controller by wind driven optimisation (`rule_wdo.WindDriven`).
+
+    Args:
+        view: What the robot knows.
+        tuned: (7,) present parameters, which take part; receives the best ones.
+        heading: Present heading, rad, map frame.
+        figures: The fields of `WdoOptions`.
+        state: (1,) random state, advanced.
+
+    Returns:
+        Number of controllers evaluated.
+    """
+    view = relevant(view)
+    near, chosen = np.empty((view.points.shape[0], 3)), np.empty((view.points.shape[0], 3))
+    x, cost, limit = np.empty((AGENTS, tuned.size)), np.empty(AGENTS), figures[4]
+    candidate, speed, best = np.empty_like(x), np.empty_like(x), np.empty(tuned.size)
+    draw_uniform(x, LOW, HIGH, state)
+    x[0] = tuned
+    least = _evaluate(view, x, cost, best, np.inf, heading, near, chosen)
+    for k in range(AGENTS):
+        for j in range(tuned.size):
+            speed[k, j] = limit * (2.0 * below(state, 1 << 30) / (1 << 30) - 1.0)
+    for _ in range(ITERATIONS):
+        blow(x, cost, speed, best, candidate, LOW, HIGH, figures, state)
+        least = _evaluate(view, candidate, cost, best, least, heading, near, chosen)
+        x[:] = candidate
+    tuned[:] = best
+    return AGENTS * (1 + ITERATIONS)
+
+
+class CompiledFuzzySteering:
+    """A `Steering` that chooses the same headings as `fuzzy.FuzzySteering`."""
+
+    def __init__(self) -> None:
+        self.evaluations = 0
+        self._tuned = 0.5 * (LOW + HIGH)
+        self._figures = astuple(WdoOptions())
+        self._age = 0
+
+    def heading(self, view: LocalView, heading: float, state: State) -> float:
+        """Tune the controller if it is due, then compute its heading.
+
+        Args:
+            view: What the robot knows.
+            heading: The robot's present heading, rad, map frame.
+            state: (1,) random state, advanced.
+
+        Returns:
+            Heading, rad, map frame.
+        """
+        if self._age % RETUNE_STEPS == 0 or len(view.movers):
+            self.evaluations += tune(view, self._tuned, heading, self._figures, state)
+        self._age += 1
+        angle = controller_heading(view, self._tuned, view.x, view.y, heading)
+        angle = angle if math.isfinite(angle) else heading
+        return evasive_heading(view, angle) if len(view.movers) else angle
