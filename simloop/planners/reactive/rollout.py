@@ -18,14 +18,20 @@ from simloop.config import PlannerConfig, VehicleConfig
 from simloop.geometry.distance_field import FREE_M
 from simloop.messages import FloatArray, Plan, WorldView
 from simloop.planners.problem.account import account, lack_of, problem_of
-from simloop.planners.problem.clearance import Problem, relaxed_clearance
+from simloop.planners.problem.clearance import (
+    STACK,
+    Problem,
+    relaxed_clearance,
+    segment_clearance,
+)
 from simloop.planners.problem.flat_problem import allowance, sample_field
 from simloop.planners.protocol import PlanningTask
 
 TOLERANCE_SHARES = (0.02, 0.005, 0.0)
 """Allowed distances of a simplified path from the trace, in safe distances. The first one that
 costs no clearance is used."""
-_OVERHANG_SHARES = (0.0, 0.25, 0.5, 1.0)
+_ATTEMPTS = 4
+_LEAST_GROWTH = 0.1  # of the overhang: growth between two attempts
 # Half widths of the central differences: as a share of the safe distance, and of a field's cell.
 _SLOPE_SAFE = 1e-3
 _SLOPE_CELLS = 0.5
@@ -175,8 +181,10 @@ def plan_by_rollout(
     """Move a point to the goal and turn its trace into a plan.
 
     The moving point ignores the vehicle's overhang. If its path lacks clearance for this reason,
-    the obstacles are grown by a quarter, a half and the whole of the overhang. The first path that
-    is safe and reaches the goal is used, else the one with the least missing clearance.
+    the obstacles are grown by what is missing at its worst place, up to the whole overhang, and the
+    point moves again. If it does not reach the goal among the grown obstacles, they are grown
+    half as much more. The first path that is safe and reaches the goal is used, else the one
+    with the least missing clearance. Without an overhang there is one attempt.
 
     Args:
         name: Name of the planner.
@@ -189,9 +197,9 @@ def plan_by_rollout(
     """
     best: tuple[float, Rollout, FloatArray] | None = None
     evaluations = 0
-    shares = _OVERHANG_SHARES if problem.overhang_m > 0.0 else _OVERHANG_SHARES[:1]
-    for attempt, share in enumerate(shares):
-        done = roll_out(with_extra_clearance(problem, share * problem.overhang_m), attempt)
+    growth, lacking = 0.0, 0.0
+    for attempt in range(_ATTEMPTS if problem.overhang_m > 0.0 else 1):
+        done = roll_out(with_extra_clearance(problem, growth), attempt)
         evaluations += done.evaluations
         path, lack = _finish(problem, done)
         for other in done.others if lack > 0.0 else ():
@@ -203,8 +211,15 @@ def plan_by_rollout(
         badness = lack + (0.0 if done.reached else left)
         if best is None or badness < best[0]:
             best = badness, done, path
-        if badness == 0.0:
-            break
+        if badness == 0.0 or (not done.reached and growth == 0.0):
+            break  # if obstacles as they are close the way off, grown ones do so as well
+        if done.reached:
+            if growth == problem.overhang_m:
+                break
+            more = max(_worst_lack(problem, path), _LEAST_GROWTH * problem.overhang_m)
+            lacking, growth = growth, min(growth + more, problem.overhang_m)
+        else:
+            growth = 0.5 * (lacking + growth)
     assert best is not None
     badness, done, path = best
     return account(
@@ -252,6 +267,19 @@ class RolloutPlanner:
     ) -> Callable[[Problem, int], Rollout]:
         """Return the function that moves the point; see `plan_by_rollout`."""
         raise NotImplementedError
+
+
+@njit(cache=True)
+def _worst_lack(p: Problem, path: FloatArray) -> float:
+    """Return the clearance that is missing at the worst place of a path, m."""
+    worst, stack, need = 0.0, np.zeros((STACK, 3)), p.safe_m - p.tolerance_m
+    for i in range(path.shape[0] - 1):
+        clear = segment_clearance(
+            p, path[i, 0], path[i, 1], path[i + 1, 0], path[i + 1, 1], need, -np.inf, stack
+        )
+        if clear < need:
+            worst = max(worst, p.safe_m - clear)
+    return worst
 
 
 def _finish(p: Problem, done: Rollout) -> tuple[FloatArray, float]:
