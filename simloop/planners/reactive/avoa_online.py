@@ -38,6 +38,8 @@ _NO_MOVERS = np.zeros((0, 5))
 class OnlinePlanner(RolloutPlanner):
     """Plans with a new steering each time; a failed plan ends where the point was nearest."""
 
+    keeps_way = True
+
     def steering(self) -> Steering:
         """Make the object that chooses the headings.
 

@@ -103,6 +103,7 @@ class GaApf(RolloutPlanner):
     """Deforms the field of the view's discs anew for each plan."""
 
     name = "ga_apf"
+    keeps_way = True
 
     def __init__(self, config: PlannerConfig, vehicle: VehicleConfig) -> None:
         super().__init__(config, vehicle)

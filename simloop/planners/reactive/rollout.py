@@ -26,6 +26,7 @@ from simloop.planners.problem.clearance import (
 )
 from simloop.planners.problem.flat_problem import allowance, sample_field
 from simloop.planners.protocol import PlanningTask
+from simloop.planners.tlbo.warm import way_ahead
 
 TOLERANCE_SHARES = (0.02, 0.005, 0.0)
 """Allowed distances of a simplified path from the trace, in safe distances. The first one that
@@ -238,6 +239,10 @@ class RolloutPlanner:
     """A `simloop.planners.protocol.Planner` whose subclasses move a point through the view."""
 
     name: ClassVar[str] = ""
+    keeps_way: ClassVar[bool] = False
+    """Whether the last plan, as far as it lies ahead and is still safe, is kept until a better path
+    is found. A random planner without memory would turn round whenever its point happens to pass
+    an obstacle on the other side."""
 
     def __init__(self, config: PlannerConfig, vehicle: VehicleConfig) -> None:
         self._config = config
@@ -247,7 +252,7 @@ class RolloutPlanner:
         """Move a point to the goal and return its trace as a plan; see `Planner.plan`.
 
         Args:
-            task: The task; its previous plan is not used.
+            task: The task; its previous plan is used if the planner ``keeps_way``.
             rng: Source of all randomness.
 
         Returns:
@@ -256,7 +261,20 @@ class RolloutPlanner:
         """
         task = replace(task, world=self._usable_view(task.world))
         problem = problem_of(self._config, self._overhang, task)
-        return plan_by_rollout(self.name, task, problem, self._make_rollout(task.world, rng))
+        plan = plan_by_rollout(self.name, task, problem, self._make_rollout(task.world, rng))
+        old_way = way_ahead(problem, task.previous) if self.keeps_way else None
+        if old_way is None:
+            return plan
+        old = account(
+            self.name,
+            task,
+            problem,
+            old_way,
+            evaluations=plan.evaluations + 1,
+            generations=plan.generations,
+            candidates_m=plan.candidates_m,
+        )
+        return old if old.safe and old.cost <= plan.cost else plan
 
     def _usable_view(self, world: WorldView) -> WorldView:
         """Return the view in a form that this planner can use."""
