@@ -53,10 +53,12 @@ from simloop.planners.reactive.steering import (
 from simloop.planners.reactive.stepper import BLOCKED_COST
 from simloop.planners.splitmix import State, below
 
+_EDGE_X, _EDGE_Y = math.cos(HALF_SECTOR_RAD), math.sin(HALF_SECTOR_RAD)
+_ANGLE_SPARE = 1e-6
 _SPARE = 1.0 + 1e-9  # of every bound that leaves points out, for rounding errors
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _collect(view: LocalView, x: float, y: float, radius: float, near: FloatArray) -> tuple[int, float]:
     """Collect the points within a radius of a place into near: dx, dy and the squared distance.
 
@@ -89,7 +91,35 @@ def _ray(near: FloatArray, count: int, safe: float, ux: float, uy: float, least:
     return least
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
+def _blocker(near: FloatArray, count: int, view: LocalView, ux: float, uy: float) -> int:
+    """Return a collected point that blocks a step, -1 if none does."""
+    square = view.safe_m * view.safe_m
+    for k in range(count):
+        along = near[k, 0] * ux + near[k, 1] * uy
+        if along > 0.0:
+            room = square - (near[k, 2] - along * along)
+            if room > 0.0 and max(along - math.sqrt(room), 0.0) < view.step_m:
+                return k
+    return -1
+
+
+@njit(cache=True, forceinline=True)
+def _blocked_headings(point: FloatArray, view: LocalView, angle: float, side: float) -> int:
+    """Return how many headings from a blocked one on a point blocks for certain, at least 1."""
+    safe, step, apart = view.safe_m, view.step_m, math.sqrt(point[2])
+    if apart <= safe:
+        half = 0.5 * math.pi
+    elif point[2] - safe * safe <= step * step:
+        half = math.asin(safe / apart)
+    else:
+        half = math.acos(min((step * step + point[2] - safe * safe) / (2.0 * step * apart), 1.0))
+    off = math.atan2(point[1], point[0]) - angle
+    off = (off + math.pi) % (2.0 * math.pi) - math.pi
+    return max(1, math.ceil((side * off + half - _ANGLE_SPARE) * BEAMS / (2.0 * math.pi)))
+
+
+@njit(cache=True, forceinline=True)
 def _sector(
     view: LocalView,
     x: float,
@@ -103,30 +133,36 @@ def _sector(
 ) -> float:
     """Compute `fuzzy.sector_range`, in steps; any value below low or above high is as good."""
     cx, cy = math.cos(middle), math.sin(middle)
-    edge_x, edge_y = math.cos(HALF_SECTOR_RAD), math.sin(HALF_SECTOR_RAD)
-    safe = view.safe_m
-    found = 0
+    safe, far = view.safe_m, high * view.step_m * _SPARE
+    square, found = (far + safe) ** 2, 0
     for k in range(count):
+        if near[k, 2] > square:
+            continue
         # The distance from the lines along the sector's edges is at most that from its rays.
         ahead = near[k, 0] * cx + near[k, 1] * cy
         aside = abs(near[k, 1] * cx - near[k, 0] * cy)
-        if aside * edge_x - ahead * edge_y <= safe * _SPARE:
+        if aside * _EDGE_X - ahead * _EDGE_Y <= safe * _SPARE:
             chosen[found, 0], chosen[found, 1] = near[k, 0], near[k, 1]
             chosen[found, 2] = near[k, 2]
             found += 1
-    least = min(view.reach_m, high * view.step_m * _SPARE)
+    box = view.box
+    inside = min(x - box[0], y - box[1], box[2] - x, box[3] - y) >= far
+    least = min(view.reach_m, far)
+    if found == 0 and inside:
+        return least / view.step_m
     enough = low * view.step_m / _SPARE
     for k in range(SECTOR_RAYS):
         angle = middle + HALF_SECTOR_RAD * (2.0 * k / (SECTOR_RAYS - 1) - 1.0)
         ux, uy = math.cos(angle), math.sin(angle)
-        least = min(least, distance_to_edge(view.box, x, y, ux, uy))
+        if not inside:
+            least = min(least, distance_to_edge(box, x, y, ux, uy))
         least = _ray(chosen, found, safe, ux, uy, least)
         if least < enough:
             break
     return least / view.step_m
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _heading(
     view: LocalView,
     x: FloatArray,
@@ -159,15 +195,26 @@ def _heading(
             chosen[found, 0], chosen[found, 1] = near[k, 0], near[k, 1]
             chosen[found, 2] = near[k, 2]
             found += 1
+    left_from, right_from = 0, 1  # the first heading to the right is the asked one again
     for k in range(BEAMS // 2):
         for side in (1.0, -1.0):
+            if k < (left_from if side > 0.0 else right_from):
+                continue
             angle = asked + side * 2.0 * math.pi * k / BEAMS
             ux, uy = math.cos(angle), math.sin(angle)
-            least = min(view.reach_m, distance_to_edge(view.box, at_x, at_y, ux, uy))
-            if least >= view.step_m and (
-                _ray(chosen, found, view.safe_m, ux, uy, least) >= view.step_m
-            ):
+            if min(view.reach_m, distance_to_edge(view.box, at_x, at_y, ux, uy)) < view.step_m:
+                continue
+            blocker = _blocker(chosen, found, view, ux, uy)
+            if blocker < 0:
                 return angle
+            # The same point blocks the next headings to this side, too.
+            until = k + _blocked_headings(chosen[blocker], view, angle, side)
+            if k == 0:
+                right_from = _blocked_headings(chosen[blocker], view, angle, -1.0)
+            if side > 0.0:
+                left_from = until
+            else:
+                right_from = until
     return np.nan
 
 
