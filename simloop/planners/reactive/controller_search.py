@@ -34,6 +34,7 @@ from simloop.planners.reactive.fuzzy import (
     controller_heading,
     evasive_heading,
     fuzzy_turn,
+    sector_range,
 )
 from simloop.planners.reactive.sensing import (
     BEAMS,
@@ -55,27 +56,46 @@ from simloop.planners.splitmix import State, below
 
 _EDGE_X, _EDGE_Y = math.cos(HALF_SECTOR_RAD), math.sin(HALF_SECTOR_RAD)
 _ANGLE_SPARE = 1e-6
+# The sectors' rays lead at most this share of their length behind the place.
+_BEHIND = 1e-6 - min(math.cos(SECTORS_RAD[0] + HALF_SECTOR_RAD), 0.0)
 _SPARE = 1.0 + 1e-9  # of every bound that leaves points out, for rounding errors
 
 
 @njit(cache=True, forceinline=True)
-def _collect(view: LocalView, x: float, y: float, radius: float, near: FloatArray) -> tuple[int, float]:
-    """Collect the points within a radius of a place into near: dx, dy and the squared distance.
+def _collect(
+    view: LocalView,
+    x: float,
+    y: float,
+    heading: float,
+    radius: float,
+    near: FloatArray,
+    close: FloatArray,
+) -> tuple[int, int, float]:
+    """Collect the points about a place that matter there, as dx, dy and the squared distance.
 
-    Returns their number, and the distance of the nearest of all points (`nearest_point_distance`).
+    near: those within a radius and not behind all sectors; close: those that can block a step.
+    Returns their numbers, and the distance of the nearest of all (`nearest_point_distance`).
     """
-    count, least = 0, view.reach_m
-    bound, square = least * least * _SPARE, radius * radius * _SPARE
+    hx, hy = math.cos(heading), math.sin(heading)
+    square, behind = radius * radius * _SPARE, -view.safe_m - _BEHIND * radius
+    reach = ((view.step_m + view.safe_m) * _SPARE) ** 2
+    count, tight, least = 0, 0, view.reach_m
+    bound = least * least * _SPARE
     for k in range(view.points.shape[0]):
         dx, dy = view.points[k, 0] - x, view.points[k, 1] - y
         apart = dx * dx + dy * dy
+        if apart > square and apart > bound and apart > reach:
+            continue
         if apart <= bound:
             least = min(least, math.hypot(dx, dy))
             bound = least * least * _SPARE
-        if apart <= square:
+        if apart <= reach:
+            close[tight, 0], close[tight, 1], close[tight, 2] = dx, dy, apart
+            tight += 1
+        if apart <= square and dx * hx + dy * hy >= behind:
             near[count, 0], near[count, 1], near[count, 2] = dx, dy, apart
             count += 1
-    return count, least
+    return count, tight, least
 
 
 @njit(cache=True, forceinline=True)
@@ -163,7 +183,7 @@ def _sector(
 
 
 @njit(cache=True, forceinline=True)
-def _heading(
+def _ranges(
     view: LocalView,
     x: FloatArray,
     at_x: float,
@@ -172,10 +192,8 @@ def _heading(
     near: FloatArray,
     count: int,
     chosen: FloatArray,
-) -> float:
-    """Compute `fuzzy.controller_heading` from the points collected about the place."""
-    bearing = math.atan2(view.target_y - at_y, view.target_x - at_x) - heading
-    bearing = (bearing + math.pi) % (2.0 * math.pi) - math.pi
+) -> tuple[float, float, float]:
+    """Compute the ranges of the left, front and right sector that a controller needs, in steps."""
     side_far, front_far = max(x[3], x[2] + 0.1), max(x[1], x[0] + 0.1)
     left = _sector(
         view, at_x, at_y, heading + SECTORS_RAD[0], x[2], side_far, near, count, chosen
@@ -186,15 +204,24 @@ def _heading(
     right = _sector(
         view, at_x, at_y, heading + SECTORS_RAD[2], x[2], side_far, near, count, chosen
     )  # fmt: skip
-    asked = heading + fuzzy_turn(x, left, front, right, bearing)
-    # Only points within a step and the safe distance can block a step.
-    reach = (view.step_m + view.safe_m) * _SPARE
-    found = 0
-    for k in range(count):
-        if near[k, 2] <= reach * reach:
-            chosen[found, 0], chosen[found, 1] = near[k, 0], near[k, 1]
-            chosen[found, 2] = near[k, 2]
-            found += 1
+    return left, front, right
+
+
+@njit(cache=True, forceinline=True)
+def _heading(
+    view: LocalView,
+    x: FloatArray,
+    at_x: float,
+    at_y: float,
+    heading: float,
+    ranges: tuple[float, float, float],
+    close: FloatArray,
+    found: int,
+) -> float:
+    """Compute `fuzzy.controller_heading` from the sectors' ranges and the close points."""
+    bearing = math.atan2(view.target_y - at_y, view.target_x - at_x) - heading
+    bearing = (bearing + math.pi) % (2.0 * math.pi) - math.pi
+    asked = heading + fuzzy_turn(x, ranges[0], ranges[1], ranges[2], bearing)
     left_from, right_from = 0, 1  # the first heading to the right is the asked one again
     for k in range(BEAMS // 2):
         for side in (1.0, -1.0):
@@ -204,13 +231,13 @@ def _heading(
             ux, uy = math.cos(angle), math.sin(angle)
             if min(view.reach_m, distance_to_edge(view.box, at_x, at_y, ux, uy)) < view.step_m:
                 continue
-            blocker = _blocker(chosen, found, view, ux, uy)
+            blocker = _blocker(close, found, view, ux, uy)
             if blocker < 0:
                 return angle
             # The same point blocks the next headings to this side, too.
-            until = k + _blocked_headings(chosen[blocker], view, angle, side)
+            until = k + _blocked_headings(close[blocker], view, angle, side)
             if k == 0:
-                right_from = _blocked_headings(chosen[blocker], view, angle, -1.0)
+                right_from = _blocked_headings(close[blocker], view, angle, -1.0)
             if side > 0.0:
                 left_from = until
             else:
@@ -220,7 +247,11 @@ def _heading(
 
 @njit(cache=True)
 def cost_of(
-    view: LocalView, x: FloatArray, heading: float, near: FloatArray, chosen: FloatArray
+    view: LocalView,
+    x: FloatArray,
+    heading: float,
+    here: tuple[float, float, float],
+    scratch: FloatArray,
 ) -> float:
     """Compute the cost of a controller; the compiled `fuzzy.controller_cost`.
 
@@ -228,18 +259,22 @@ def cost_of(
         view: What the robot knows.
         x: (7,) parameters of the controller.
         heading: Present heading, rad, map frame.
-        near: (n, 3) scratch for as many points as the view has.
-        chosen: (n, 3) scratch for as many points as the view has.
+        here: Ranges of the left, front and right sector at the robot's place, in steps, which are
+            the same for all controllers.
+        scratch: (3, n, 3) scratch for as many points as the view has.
 
     Returns:
         Cost, without unit.
     """
+    near, chosen, close = scratch[0], scratch[1], scratch[2]
     at_x, at_y, turned, nearest = view.x, view.y, 0.0, view.reach_m
-    danger = 0.0
+    danger, ranges = 0.0, here
     radius = max(x[1], x[3], x[0] + 0.1, x[2] + 0.1, 1.0) * view.step_m + view.safe_m
-    count, _ = _collect(view, at_x, at_y, radius, near)
+    count, tight, _ = _collect(view, at_x, at_y, heading, 0.0, near, close)
     for n in range(SIMULATED_STEPS):
-        angle = _heading(view, x, at_x, at_y, heading, near, count, chosen)
+        if n > 0:
+            ranges = _ranges(view, x, at_x, at_y, heading, near, count, chosen)
+        angle = _heading(view, x, at_x, at_y, heading, ranges, close, tight)
         if not math.isfinite(angle):
             return 2.0 * BLOCKED_COST
         # Predictions of movers start now, so only the first step can be checked against them.
@@ -250,7 +285,7 @@ def cost_of(
         heading = angle
         at_x += view.step_m * math.cos(angle)
         at_y += view.step_m * math.sin(angle)
-        count, apart = _collect(view, at_x, at_y, radius, near)
+        count, tight, apart = _collect(view, at_x, at_y, heading, radius, near, close)
         nearest = min(nearest, apart, nearest_mover_distance(view, at_x, at_y))
         if math.hypot(view.target_x - at_x, view.target_y - at_y) < view.step_m:
             break
@@ -294,8 +329,8 @@ def _evaluate(
     best: FloatArray,
     least: float,
     heading: float,
-    near: FloatArray,
-    chosen: FloatArray,
+    here: tuple[float, float, float],
+    scratch: FloatArray,
 ) -> float:
     """Evaluate controllers, kept inside their box; best: the best so far. Return its cost."""
     for k in range(x.shape[0]):
@@ -303,7 +338,7 @@ def _evaluate(
             value = x[k, j] if np.isfinite(x[k, j]) else 0.5 * (LOW[j] + HIGH[j])
             x[k, j] = min(max(value, LOW[j]), HIGH[j])
     for k in range(x.shape[0]):
-        out[k] = cost_of(view, x[k], heading, near, chosen)
+        out[k] = cost_of(view, x[k], heading, here, scratch)
     k = np.argmin(out)
     if out[k] < least:
         best[:] = x[k]
@@ -332,18 +367,23 @@ def tune(
         Number of controllers evaluated.
     """
     view = relevant(view)
-    near, chosen = np.empty((view.points.shape[0], 3)), np.empty((view.points.shape[0], 3))
+    scratch = np.empty((3, view.points.shape[0], 3))
+    here = (
+        sector_range(view, view.x, view.y, heading + SECTORS_RAD[0]),
+        sector_range(view, view.x, view.y, heading + SECTORS_RAD[1]),
+        sector_range(view, view.x, view.y, heading + SECTORS_RAD[2]),
+    )
     x, cost, limit = np.empty((AGENTS, tuned.size)), np.empty(AGENTS), figures[4]
     candidate, speed, best = np.empty_like(x), np.empty_like(x), np.empty(tuned.size)
     draw_uniform(x, LOW, HIGH, state)
     x[0] = tuned
-    least = _evaluate(view, x, cost, best, np.inf, heading, near, chosen)
+    least = _evaluate(view, x, cost, best, np.inf, heading, here, scratch)
     for k in range(AGENTS):
         for j in range(tuned.size):
             speed[k, j] = limit * (2.0 * below(state, 1 << 30) / (1 << 30) - 1.0)
     for _ in range(ITERATIONS):
         blow(x, cost, speed, best, candidate, LOW, HIGH, figures, state)
-        least = _evaluate(view, candidate, cost, best, least, heading, near, chosen)
+        least = _evaluate(view, candidate, cost, best, least, heading, here, scratch)
         x[:] = candidate
     tuned[:] = best
     return AGENTS * (1 + ITERATIONS)

@@ -178,6 +178,7 @@ def plan_by_rollout(
     task: PlanningTask,
     problem: Problem,
     roll_out: Callable[[Problem, int], Rollout],
+    known_cost: float = math.inf,
 ) -> Plan:
     """Move a point to the goal and turn its trace into a plan.
 
@@ -192,6 +193,8 @@ def plan_by_rollout(
         task: The task, with the original world view.
         problem: The planning problem in the view that the planner uses.
         roll_out: Function of a problem and the number of the attempt, from 0.
+        known_cost: J of a safe path that is known. The attempts end when a path costs more even
+            without regard to its clearance, because larger obstacles make no path cheaper.
 
     Returns:
         The plan; ``safe`` only if its path keeps the safe distance and reaches the goal.
@@ -214,6 +217,9 @@ def plan_by_rollout(
             best = badness, done, path
         if badness == 0.0 or (not done.reached and growth == 0.0):
             break  # if obstacles as they are close the way off, grown ones do so as well
+        if done.reached and badness > 0.0 and math.isfinite(known_cost):
+            if _account_of(name, task, problem, path, 0.0).cost >= known_cost:
+                break
         if done.reached:
             if growth == problem.overhang_m:
                 break
@@ -261,20 +267,25 @@ class RolloutPlanner:
         """
         task = replace(task, world=self._usable_view(task.world))
         problem = problem_of(self._config, self._overhang, task)
-        plan = plan_by_rollout(self.name, task, problem, self._make_rollout(task.world, rng))
-        old_way = way_ahead(problem, task.previous) if self.keeps_way else None
-        if old_way is None:
+        old = self._old_plan(task, problem)
+        roll_out = self._make_rollout(task.world, rng)
+        if old is None:
+            return plan_by_rollout(self.name, task, problem, roll_out)
+        plan = plan_by_rollout(self.name, task, problem, roll_out, old.cost)
+        if plan.safe and plan.cost < old.cost:
             return plan
-        old = account(
-            self.name,
-            task,
-            problem,
-            old_way,
-            evaluations=plan.evaluations + 1,
+        return replace(
+            old,
+            evaluations=plan.evaluations,
             generations=plan.generations,
             candidates_m=plan.candidates_m,
         )
-        return old if old.safe and old.cost <= plan.cost else plan
+
+    def _old_plan(self, task: PlanningTask, problem: Problem) -> Plan | None:
+        """Return the plan along what lies ahead of the last one, if that is kept and still safe."""
+        way = way_ahead(problem, task.previous) if self.keeps_way else None
+        plan = None if way is None else _account_of(self.name, task, problem, way)
+        return plan if plan is not None and plan.safe else None
 
     def _usable_view(self, world: WorldView) -> WorldView:
         """Return the view in a form that this planner can use."""
@@ -285,6 +296,13 @@ class RolloutPlanner:
     ) -> Callable[[Problem, int], Rollout]:
         """Return the function that moves the point; see `plan_by_rollout`."""
         raise NotImplementedError
+
+
+def _account_of(
+    name: str, task: PlanningTask, p: Problem, path: FloatArray, lack_m: float | None = None
+) -> Plan:
+    """Return the plan along a path that nobody has searched for."""
+    return account(name, task, p, path, lack_m=lack_m, evaluations=0, generations=0)
 
 
 @njit(cache=True)
