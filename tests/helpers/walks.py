@@ -47,7 +47,7 @@ def walk(case: str) -> tuple[np.ndarray, int]:
         steering = load(name)(_config(name, 1.0), _POINT).steering()
         done = simulate(online_scene(scene), steering, rng)
         return done.points_m, done.evaluations
-    one = _in_a_field() if scene == "field" else paper_scene(scene)
+    one = room_in_a_field() if scene == "field" else paper_scene(scene)
     task = PlanningTask(one.world, one.start, one.goal, one.safe_m)
     plan = make_planner(_config(name, one.safe_m), _POINT).plan(task, rng)
     return plan.waypoints_m, plan.evaluations
@@ -64,7 +64,7 @@ def _config(name: str, safe_m: float) -> PlannerConfig:
     )
 
 
-def _in_a_field() -> Instance:
+def room_in_a_field() -> Instance:
     """Return a task like those of the closed loop: discs in a room, given by a distance field."""
     cell, bounds = 0.05, np.array([-0.5, -0.5, 5.0, 5.0])
     at = bounds[0] + cell * (0.5 + np.arange(110))

@@ -27,12 +27,10 @@ from simloop.planners.reactive.fuzzy import (
     HALF_SECTOR_RAD,
     HIGH,
     LOW,
-    RETUNE_STEPS,
     SECTOR_RAYS,
     SECTORS_RAD,
     SIMULATED_STEPS,
-    controller_heading,
-    evasive_heading,
+    FuzzySteering,
     fuzzy_turn,
     sector_range,
 )
@@ -68,15 +66,16 @@ def _collect(
     y: float,
     heading: float,
     radius: float,
-    near: FloatArray,
-    close: FloatArray,
+    scratch: FloatArray,
 ) -> tuple[int, int, float]:
     """Collect the points about a place that matter there, as dx, dy and the squared distance.
 
-    near: those within a radius and not behind all sectors; close: those that can block a step.
+    scratch[0]: those within a radius and not behind all sectors; scratch[1]: those that can
+    block a step.
     Returns their numbers, and the distance of the nearest of all (`nearest_point_distance`).
     """
     hx, hy = math.cos(heading), math.sin(heading)
+    near, close = scratch[0], scratch[1]
     square, behind = radius * radius * _SPARE, -view.safe_m - _BEHIND * radius
     reach = ((view.step_m + view.safe_m) * _SPARE) ** 2
     count, tight, least = 0, 0, view.reach_m
@@ -96,19 +95,6 @@ def _collect(
             near[count, 0], near[count, 1], near[count, 2] = dx, dy, apart
             count += 1
     return count, tight, least
-
-
-@njit(cache=True, forceinline=True)
-def _ray(near: FloatArray, count: int, safe: float, ux: float, uy: float, least: float) -> float:
-    """Compute `sensing.free_range` among collected points, at most least."""
-    square = safe * safe
-    for k in range(count):
-        along = near[k, 0] * ux + near[k, 1] * uy
-        if 0.0 < along <= (least + safe) * _SPARE:
-            room = square - (near[k, 2] - along * along)
-            if room > 0.0:
-                least = min(least, max(along - math.sqrt(room), 0.0))
-    return least
 
 
 @njit(cache=True, forceinline=True)
@@ -147,14 +133,15 @@ def _sector(
     middle: float,
     low: float,
     high: float,
-    near: FloatArray,
+    scratch: FloatArray,
     count: int,
-    chosen: FloatArray,
 ) -> float:
     """Compute `fuzzy.sector_range`, in steps; any value below low or above high is as good."""
     cx, cy = math.cos(middle), math.sin(middle)
+    near, chosen, rays = scratch[0], scratch[2], scratch[3]
     safe, far = view.safe_m, high * view.step_m * _SPARE
-    square, found = (far + safe) ** 2, 0
+    least, enough = min(view.reach_m, far), low * view.step_m / _SPARE
+    square, found, nearest = (far + safe) ** 2, 0, 0
     for k in range(count):
         if near[k, 2] > square:
             continue
@@ -164,19 +151,30 @@ def _sector(
         if aside * _EDGE_X - ahead * _EDGE_Y <= safe * _SPARE:
             chosen[found, 0], chosen[found, 1] = near[k, 0], near[k, 1]
             chosen[found, 2] = near[k, 2]
+            if near[k, 2] < chosen[nearest, 2]:
+                nearest = found
             found += 1
     box = view.box
     inside = min(x - box[0], y - box[1], box[2] - x, box[3] - y) >= far
-    least = min(view.reach_m, far)
     if found == 0 and inside:
         return least / view.step_m
-    enough = low * view.step_m / _SPARE
-    for k in range(SECTOR_RAYS):
-        angle = middle + HALF_SECTOR_RAD * (2.0 * k / (SECTOR_RAYS - 1) - 1.0)
-        ux, uy = math.cos(angle), math.sin(angle)
+    for j in range(SECTOR_RAYS):
+        angle = middle + HALF_SECTOR_RAD * (2.0 * j / (SECTOR_RAYS - 1) - 1.0)
+        rays[j, 0], rays[j, 1] = math.cos(angle), math.sin(angle)
         if not inside:
-            least = min(least, distance_to_edge(box, x, y, ux, uy))
-        least = _ray(chosen, found, safe, ux, uy, least)
+            least = min(least, distance_to_edge(box, x, y, rays[j, 0], rays[j, 1]))
+    # The nearest point comes first: a point farther away than the least range can tell no more.
+    safe_square = safe * safe
+    for i in range(-1, found):
+        k = nearest if i < 0 and found > 0 else i
+        if k < 0 or chosen[k, 2] > (least + safe) ** 2 * _SPARE:
+            continue
+        for j in range(SECTOR_RAYS):
+            along = chosen[k, 0] * rays[j, 0] + chosen[k, 1] * rays[j, 1]
+            if along > 0.0:
+                room = safe_square - (chosen[k, 2] - along * along)
+                if room > 0.0:
+                    least = min(least, max(along - math.sqrt(room), 0.0))
         if least < enough:
             break
     return least / view.step_m
@@ -189,21 +187,15 @@ def _ranges(
     at_x: float,
     at_y: float,
     heading: float,
-    near: FloatArray,
+    scratch: FloatArray,
     count: int,
-    chosen: FloatArray,
 ) -> tuple[float, float, float]:
     """Compute the ranges of the left, front and right sector that a controller needs, in steps."""
     side_far, front_far = max(x[3], x[2] + 0.1), max(x[1], x[0] + 0.1)
-    left = _sector(
-        view, at_x, at_y, heading + SECTORS_RAD[0], x[2], side_far, near, count, chosen
-    )  # fmt: skip
-    front = _sector(
-        view, at_x, at_y, heading + SECTORS_RAD[1], x[0], front_far, near, count, chosen
-    )  # fmt: skip
-    right = _sector(
-        view, at_x, at_y, heading + SECTORS_RAD[2], x[2], side_far, near, count, chosen
-    )  # fmt: skip
+    middles = heading + SECTORS_RAD[0], heading + SECTORS_RAD[1], heading + SECTORS_RAD[2]
+    left = _sector(view, at_x, at_y, middles[0], x[2], side_far, scratch, count)
+    front = _sector(view, at_x, at_y, middles[1], x[0], front_far, scratch, count)
+    right = _sector(view, at_x, at_y, middles[2], x[2], side_far, scratch, count)
     return left, front, right
 
 
@@ -261,20 +253,19 @@ def cost_of(
         heading: Present heading, rad, map frame.
         here: Ranges of the left, front and right sector at the robot's place, in steps, which are
             the same for all controllers.
-        scratch: (3, n, 3) scratch for as many points as the view has.
+        scratch: (4, n, 3) scratch for as many points as the view has, or more.
 
     Returns:
         Cost, without unit.
     """
-    near, chosen, close = scratch[0], scratch[1], scratch[2]
     at_x, at_y, turned, nearest = view.x, view.y, 0.0, view.reach_m
     danger, ranges = 0.0, here
     radius = max(x[1], x[3], x[0] + 0.1, x[2] + 0.1, 1.0) * view.step_m + view.safe_m
-    count, tight, _ = _collect(view, at_x, at_y, heading, 0.0, near, close)
+    count, tight, _ = _collect(view, at_x, at_y, heading, 0.0, scratch)
     for n in range(SIMULATED_STEPS):
         if n > 0:
-            ranges = _ranges(view, x, at_x, at_y, heading, near, count, chosen)
-        angle = _heading(view, x, at_x, at_y, heading, ranges, close, tight)
+            ranges = _ranges(view, x, at_x, at_y, heading, scratch, count)
+        angle = _heading(view, x, at_x, at_y, heading, ranges, scratch[1], tight)
         if not math.isfinite(angle):
             return 2.0 * BLOCKED_COST
         # Predictions of movers start now, so only the first step can be checked against them.
@@ -285,7 +276,7 @@ def cost_of(
         heading = angle
         at_x += view.step_m * math.cos(angle)
         at_y += view.step_m * math.sin(angle)
-        count, tight, apart = _collect(view, at_x, at_y, heading, radius, near, close)
+        count, tight, apart = _collect(view, at_x, at_y, heading, radius, scratch)
         nearest = min(nearest, apart, nearest_mover_distance(view, at_x, at_y))
         if math.hypot(view.target_x - at_x, view.target_y - at_y) < view.step_m:
             break
@@ -339,7 +330,7 @@ def _evaluate(
             x[k, j] = min(max(value, LOW[j]), HIGH[j])
     for k in range(x.shape[0]):
         out[k] = cost_of(view, x[k], heading, here, scratch)
-    k = np.argmin(out)
+    k = int(np.argmin(out))
     if out[k] < least:
         best[:] = x[k]
         return out[k]
@@ -367,7 +358,7 @@ def tune(
         Number of controllers evaluated.
     """
     view = relevant(view)
-    scratch = np.empty((3, view.points.shape[0], 3))
+    scratch = np.empty((4, max(view.points.shape[0], SECTOR_RAYS), 3))
     here = (
         sector_range(view, view.x, view.y, heading + SECTORS_RAD[0]),
         sector_range(view, view.x, view.y, heading + SECTORS_RAD[1]),
@@ -389,29 +380,8 @@ def tune(
     return AGENTS * (1 + ITERATIONS)
 
 
-class CompiledFuzzySteering:
-    """A `Steering` that chooses the same headings as `fuzzy.FuzzySteering`."""
+class CompiledFuzzySteering(FuzzySteering):
+    """A `Steering` that chooses the same headings as `fuzzy.FuzzySteering`, sooner."""
 
-    def __init__(self) -> None:
-        self.evaluations = 0
-        self._tuned = 0.5 * (LOW + HIGH)
-        self._figures = astuple(WdoOptions())
-        self._age = 0
-
-    def heading(self, view: LocalView, heading: float, state: State) -> float:
-        """Tune the controller if it is due, then compute its heading.
-
-        Args:
-            view: What the robot knows.
-            heading: The robot's present heading, rad, map frame.
-            state: (1,) random state, advanced.
-
-        Returns:
-            Heading, rad, map frame.
-        """
-        if self._age % RETUNE_STEPS == 0 or len(view.movers):
-            self.evaluations += tune(view, self._tuned, heading, self._figures, state)
-        self._age += 1
-        angle = controller_heading(view, self._tuned, view.x, view.y, heading)
-        angle = angle if math.isfinite(angle) else heading
-        return evasive_heading(view, angle) if len(view.movers) else angle
+    def _tune(self, view: LocalView, heading: float, state: State) -> int:
+        return tune(view, self._tuned, heading, astuple(WdoOptions()), state)

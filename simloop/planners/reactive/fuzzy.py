@@ -306,12 +306,16 @@ class FuzzySteering:
             Heading, rad, map frame.
         """
         if self._age % RETUNE_STEPS == 0 or len(view.movers):
-            objective = _ControllerObjective(view, heading)
-            population = Population(objective, AGENTS, AGENTS * (1 + ITERATIONS), state)
-            minimise(WindDriven(), population, self._tuned[None])
-            self._tuned = population.best_x.copy()
-            self.evaluations += population.spent
+            self.evaluations += self._tune(view, heading, state)
         self._age += 1
         angle = controller_heading(view, self._tuned, view.x, view.y, heading)
         angle = angle if math.isfinite(angle) else heading
         return evasive_heading(view, angle) if len(view.movers) else angle
+
+    def _tune(self, view: LocalView, heading: float, state: State) -> int:
+        """Tune the controller and return the number of controllers that were evaluated."""
+        objective = _ControllerObjective(view, heading)
+        population = Population(objective, AGENTS, AGENTS * (1 + ITERATIONS), state)
+        minimise(WindDriven(), population, self._tuned[None])
+        self._tuned = population.best_x.copy()
+        return population.spent

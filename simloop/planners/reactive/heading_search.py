@@ -63,9 +63,7 @@ def relevant(view: LocalView) -> LocalView:
 
 
 @njit(cache=True)
-def _evaluate(
-    view: LocalView, x: FloatArray, out: FloatArray, best: FloatArray, spent: int
-) -> int:
+def _evaluate(view: LocalView, x: FloatArray, out: FloatArray, best: FloatArray, spent: int) -> int:
     """Evaluate turns while the budget lasts; best: best turn and its cost. Return the new spent."""
     count = min(x.shape[0], max(0, _BUDGET - spent))
     out[count:] = np.inf
@@ -75,7 +73,7 @@ def _evaluate(
         turn = x[k, 0] if np.isfinite(x[k, 0]) else 0.0
         x[k, 0] = min(max(turn, -TURN_LIMIT_RAD), TURN_LIMIT_RAD)
     heading_costs(view, x[:count], out[:count])
-    k = np.argmin(out[:count])
+    k = int(np.argmin(out[:count]))
     if out[k] < best[1]:
         best[0], best[1] = x[k, 0], out[k]
     return spent + count

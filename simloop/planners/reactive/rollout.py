@@ -47,8 +47,8 @@ class Rollout(NamedTuple):
         evaluations: Number of candidates tried.
         generations: Number of generations of a search, if there was one.
         candidates: Further paths (n, 2), m, map frame, for display.
-        others: Further paths (n, 2), m, map frame, that reach the goal. If ``path`` lacks clearance,
-            the first of them that does not is used.
+        others: Further paths (n, 2), m, map frame, that reach the goal. If ``path`` lacks
+            clearance, the first of them that does not is used.
     """
 
     path: FloatArray
@@ -217,9 +217,8 @@ def plan_by_rollout(
             best = badness, done, path
         if badness == 0.0 or (not done.reached and growth == 0.0):
             break  # if obstacles as they are close the way off, grown ones do so as well
-        if done.reached and badness > 0.0 and math.isfinite(known_cost):
-            if _account_of(name, task, problem, path, 0.0).cost >= known_cost:
-                break
+        if done.reached and _account_of(name, task, problem, path, 0.0).cost >= known_cost:
+            break
         if done.reached:
             if growth == problem.overhang_m:
                 break
