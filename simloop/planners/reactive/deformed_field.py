@@ -50,6 +50,52 @@ class Field(NamedTuple):
     strip: float
 
 
+@njit(cache=True, forceinline=True)
+def _direction(p: Problem) -> tuple[float, float]:
+    """Return the unit vector of the direct line."""
+    dx, dy = p.goal_x - p.start_x, p.goal_y - p.start_y
+    reach = math.hypot(dx, dy)
+    return dx / reach, dy / reach
+
+
+@njit(cache=True, forceinline=True)
+def _distance_left(p: Problem, x: float, y: float) -> float:
+    """Return the distance from a place to the goal, m."""
+    return math.hypot(p.goal_x - x, p.goal_y - y)
+
+
+@njit(cache=True, forceinline=True)
+def _begin(
+    p: Problem, notes: FloatArray, known: int
+) -> tuple[int, float, float, float, float, float]:
+    """Return the state that a walk begins with: at the start, or as the note of a gene says."""
+    if known == 0:
+        return 1, p.start_x, p.start_y, 0.0, p.start_x, p.start_y
+    row = notes[known]
+    return int(row[0]), row[1], row[2], row[3], row[4], row[5]
+
+
+@njit(cache=True, forceinline=True)
+def _note(
+    row: FloatArray, n: int, x: float, y: float, length: float, back_x: float, back_y: float
+) -> None:
+    """Write the state of a walk into the note of a gene."""
+    row[0], row[1], row[2], row[3], row[4], row[5] = n, x, y, length, back_x, back_y
+
+
+@njit(cache=True, forceinline=True)
+def _step(f: Field, theta: float, gap: float, nx: float, ny: float) -> tuple[float, float, float]:
+    """Return one step along x and y, and its length, m; theta: direction of the attraction."""
+    # Attraction of unit size (Eqs. 7, 8) plus repulsion from the nearest surface (Eq. 14).
+    push = f.epsilon / (gap * gap)
+    fx, fy = math.cos(theta) + push * nx, math.sin(theta) + push * ny
+    # Eq. 17, shortened so that the step does not end in the obstacle.
+    step, force = STEP_SHARE * gap, math.hypot(fx, fy)
+    if step * force > _MOST_OF_GAP * gap:
+        step *= _MOST_OF_GAP * gap / (step * force)
+    return step * fx, step * fy, step * force
+
+
 @njit(cache=True)
 def walk(
     f: Field, genes: FloatArray, notes: FloatArray, known: int, limit: float, path: FloatArray
@@ -73,21 +119,13 @@ def walk(
         at the goal; number of genes that have a note.
     """
     p, count = f.p, f.along.size
-    dx, dy = p.goal_x - p.start_x, p.goal_y - p.start_y
-    reach = math.hypot(dx, dy)
-    ux, uy = dx / reach, dy / reach
-    first, noted = 1, known
-    x, y, length = p.start_x, p.start_y, 0.0
-    back_x, back_y = x, y
-    if known > 0:
-        first = int(notes[known, 0])
-        x, y, length, back_x, back_y = notes[known, 1:]
-    keeps, limit = path.shape[0] > 0, limit * _TOO_LONG
+    ux, uy = _direction(p)
+    first, x, y, length, back_x, back_y = _begin(p, notes, known)
+    noted, keeps, limit = known, path.shape[0] > 0, limit * _TOO_LONG
     if keeps:
         path[0, 0], path[0, 1] = x, y
     for n in range(first, MOST_STEPS):
-        gx, gy = p.goal_x - x, p.goal_y - y
-        left = math.hypot(gx, gy)
+        left = _distance_left(p, x, y)
         # No way to the goal is shorter than the straight one, and mu is more than 1.
         if length + left > limit:
             return n, np.inf, False, noted
@@ -97,27 +135,18 @@ def walk(
             if keeps:
                 path[n, 0], path[n, 1] = p.goal_x, p.goal_y
             return n + 1, length + left, True, noted
-        gap = max(gap, 1e-3 * p.safe_m)
         s = ux * (x - p.start_x) + uy * (y - p.start_y)
         # The gene of the next frontal line applies; there is no deformation beyond the last line.
         gene = 0
         while gene < count and s >= f.along[gene]:
             gene += 1
         while noted <= gene and noted < count:
-            notes[noted, 0], notes[noted, 1], notes[noted, 2] = n, x, y
-            notes[noted, 3], notes[noted, 4], notes[noted, 5] = length, back_x, back_y
+            _note(notes[noted], n, x, y, length, back_x, back_y)
             noted += 1
         turn = genes[gene] if gene < count else 0.0
-        # Attraction of unit size (Eqs. 7, 8) plus repulsion from the nearest surface (Eq. 14).
-        theta = math.atan2(gy, gx) + turn
-        push = f.epsilon / (gap * gap)
-        fx, fy = math.cos(theta) + push * nx, math.sin(theta) + push * ny
-        # Eq. 17, shortened so that the step does not end in the obstacle.
-        step, force = STEP_SHARE * gap, math.hypot(fx, fy)
-        if step * force > _MOST_OF_GAP * gap:
-            step *= _MOST_OF_GAP * gap / (step * force)
-        x, y = x + step * fx, y + step * fy
-        length += step * force
+        theta, gap = math.atan2(p.goal_y - y, p.goal_x - x) + turn, max(gap, 1e-3 * p.safe_m)
+        step_x, step_y, moved = _step(f, theta, gap, nx, ny)
+        x, y, length = x + step_x, y + step_y, length + moved
         across = abs(uy * (x - p.start_x) - ux * (y - p.start_y))
         if across > f.strip or not inside_bounds(p, x, y):
             return n, length + MU * left, False, noted
@@ -125,8 +154,6 @@ def walk(
             path[n, 0], path[n, 1] = x, y
         if n % _STILL_STEPS == 0:
             if math.hypot(x - back_x, y - back_y) < math.sqrt(f.epsilon):
-                left = math.hypot(p.goal_x - x, p.goal_y - y)
-                return n + 1, length + MU * left, False, noted
+                return n + 1, length + MU * _distance_left(p, x, y), False, noted
             back_x, back_y = x, y
-    left = math.hypot(p.goal_x - x, p.goal_y - y)
-    return MOST_STEPS, length + MU * left, False, noted
+    return MOST_STEPS, length + MU * _distance_left(p, x, y), False, noted

@@ -205,12 +205,7 @@ def plan_by_rollout(
     for attempt in range(_ATTEMPTS if problem.overhang_m > 0.0 else 1):
         done = roll_out(with_extra_clearance(problem, growth), attempt)
         evaluations += done.evaluations
-        path, lack = _finish(problem, done)
-        for other in done.others if lack > 0.0 else ():
-            safe, none = _finish(problem, done._replace(path=other))
-            if none == 0.0:
-                path, lack = safe, none
-                break
+        path, lack = _safest(problem, done)
         left = math.hypot(problem.goal_x - path[-1, 0], problem.goal_y - path[-1, 1])
         badness = lack + (0.0 if done.reached else left)
         if best is None or badness < best[0]:
@@ -315,6 +310,17 @@ def _worst_lack(p: Problem, path: FloatArray) -> float:
         if clear < need:
             worst = max(worst, p.safe_m - clear)
     return worst
+
+
+def _safest(p: Problem, done: Rollout) -> tuple[FloatArray, float]:
+    """Return the first of a result's paths that is safe, else the first, and what it lacks, m."""
+    first = _finish(p, done)
+    if first[1] > 0.0:
+        for other in done.others:
+            path, lack = _finish(p, done._replace(path=other))
+            if lack == 0.0:
+                return path, lack
+    return first
 
 
 def _finish(p: Problem, done: Rollout) -> tuple[FloatArray, float]:
