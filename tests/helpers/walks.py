@@ -26,7 +26,7 @@ from simloop.planners.registry import load, make_planner
 STORED = Path(__file__).parents[1] / "planners" / "data" / "walks.npz"
 KEPT = 100
 SEEDS = (1000, 1001, 1002)
-_POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))
+POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))
 _GENETIC = ("strip20x60", "abed5", "abed50", "abed150")
 _STEPWISE = ("avoa_online", "apso_online", "fuzzy_wdo")
 _IN_A_FIELD = ("ga_apf", *_STEPWISE)
@@ -44,12 +44,12 @@ def walk(case: str) -> tuple[np.ndarray, int]:
     name, scene, seed = case.split("/")
     rng = np.random.default_rng(int(seed))
     if name in _STEPWISE and scene in ONLINE_SCENES:
-        steering = load(name)(_config(name, 1.0), _POINT).steering()
+        steering = load(name)(_config(name, 1.0), POINT).steering()
         done = simulate(online_scene(scene), steering, rng)
         return done.points_m, done.evaluations
     one = room_in_a_field() if scene == "field" else paper_scene(scene)
     task = PlanningTask(one.world, one.start, one.goal, one.safe_m)
-    plan = make_planner(_config(name, one.safe_m), _POINT).plan(task, rng)
+    plan = make_planner(_config(name, one.safe_m), POINT).plan(task, rng)
     return plan.waypoints_m, plan.evaluations
 
 

@@ -10,6 +10,7 @@ import pytest
 from helpers import walks
 
 from simloop.benchmarks.planners.paper_scenes import ONLINE_SCENES, online_scene, paper_scene
+from simloop.benchmarks.planners.scenes import disc_world
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.planners.metaheuristics.rule_avoa import AfricanVultures
 from simloop.planners.metaheuristics.rule_swarm import AdaptiveSwarm, classify
@@ -155,3 +156,38 @@ def test_a_walker_keeps_the_way_that_it_is_on_until_it_finds_a_better_one(name):
     for seed in range(1, 6):
         again = planner.plan(replace(task, previous=first), np.random.default_rng(seed))
         assert again.safe and again.cost <= first.cost
+
+
+def test_the_strip_widens_only_if_no_path_reaches_the_goal(monkeypatch):
+    """The overhang of the footprint, for which paths are walked again, is no reason to widen it."""
+    one, widened = walks.room_in_a_field(), []
+
+    def classify(*given):
+        widened.append(given[-1])
+        return real(*given)
+
+    real = ga_apf.classify
+    monkeypatch.setattr(ga_apf, "classify", classify)
+    planner = make_planner(PlannerConfig(name="ga_apf"), VehicleConfig())
+    task = PlanningTask(one.world, one.start, one.goal, one.safe_m)
+    assert planner.plan(task, np.random.default_rng(0)).safe
+    assert len(widened) > 1 and set(widened) == {1.0}
+    # A wall of discs wider than the strip: only a wider strip leads round it.
+    wall = np.array([[2.0, y, 0.2] for y in np.arange(-1.4, 1.5, 0.2)])
+    task = replace(task, world=disc_world(wall, (-4.0, -6.0, 8.0, 6.0)), goal=np.array([4.0, 0.0]))
+    widened.clear()
+    planner = make_planner(PlannerConfig(name="ga_apf"), walks.POINT)
+    assert planner.plan(task, np.random.default_rng(0)).safe
+    assert widened[0] == 1.0 and max(widened) > 1.0
+
+
+def test_a_walk_ends_when_it_has_circled_the_obstacle_both_ways():
+    turn = np.linspace(0.0, 2.0 * math.pi, 40, endpoint=False)
+    ring = np.stack((4.0 + np.cos(turn), np.sin(turn), np.full(40, 0.1)), axis=1)
+    task = PlanningTask(
+        disc_world(ring, (-2.0, -4.0, 8.0, 4.0)), np.zeros(3), np.array([4.0, 0.0]), 0.26
+    )
+    planner = make_planner(PlannerConfig(name="avoa_online"), walks.POINT)
+    plan = planner.plan(task, np.random.default_rng(0))
+    most_steps = 50 + 10 * 4.0 / (0.4 * 0.26)
+    assert not plan.safe and plan.evaluations < 0.8 * 110 * most_steps

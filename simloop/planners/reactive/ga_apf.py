@@ -21,7 +21,8 @@ Chosen here, because the paper leaves it open:
   crossed. The search ends after ``idle_generations`` consecutive generations that improve by less
   than 1e-4, or at the budget.
 - The adjacent distance is twice the largest radius; a path that leaves that strip is invalid. If
-  no path reaches the goal, the distance is doubled (the paper: "twice (or more)"), up to three times.
+  no path reaches the goal, the distance is doubled (the paper: "twice (or more)"), up to three
+  times.
 - Radii are grown by the safe distance. Among polygons and in a distance field the nearest surface
   repels. Frontal obstacles are then the view's discs, or circles about the field's obstacles.
 """
