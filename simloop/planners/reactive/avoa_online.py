@@ -6,7 +6,8 @@ the goal and senses it only within its range. The trace of the point is the plan
 no movers; `simloop.planners.reactive.online` simulates worlds with movers.
 
 Chosen here: a step is 0.4 safe distances (0.1 m at the robot's size), the sensor's range is twelve
-safe distances (3.1 m), and a path may be ten times as long as the straight line.
+safe distances (3.1 m), and a path may be ten times as long as the straight line. A walk also ends
+when it has circled an obstacle both ways round without finding a place to leave it.
 """
 
 from __future__ import annotations
@@ -17,14 +18,12 @@ from collections.abc import Callable
 import numpy as np
 
 from simloop.messages import WorldView
-from simloop.planners.metaheuristics.rule_avoa import AfricanVultures
-from simloop.planners.metaheuristics.rule_swarm import AdaptiveSwarm
 from simloop.planners.problem.clearance import Problem
-from simloop.planners.reactive.fuzzy import FuzzySteering
+from simloop.planners.reactive.controller_search import CompiledFuzzySteering
+from simloop.planners.reactive.heading_search import swarm_steering, vulture_steering
 from simloop.planners.reactive.online import RangeSensor, motion_box, padded_safe_distance
 from simloop.planners.reactive.rollout import Rollout, RolloutPlanner
 from simloop.planners.reactive.sensing import LocalView
-from simloop.planners.reactive.steering import RuleSteering
 from simloop.planners.reactive.stepper import Steering, Stepper
 from simloop.planners.splitmix import State, make_state
 
@@ -32,11 +31,14 @@ STEP_SAFE, REACH_SAFE = 0.4, 12.0
 _ALLOWED_DETOUR = 10.0
 _LEAST_STEPS = 50
 _MOST_WAITS = 3
+_BOTH_WAYS = 2
 _NO_MOVERS = np.zeros((0, 5))
 
 
 class OnlinePlanner(RolloutPlanner):
     """Plans with a new steering each time; a failed plan ends where the point was nearest."""
+
+    keeps_way = True
 
     def steering(self) -> Steering:
         """Make the object that chooses the headings.
@@ -53,7 +55,7 @@ class OnlinePlanner(RolloutPlanner):
         return lambda p, attempt: self._roll_out(p, state)
 
     def _roll_out(self, p: Problem, state: State) -> Rollout:
-        """Step to the goal, until the steps are used up or the point has waited too often."""
+        """Step to the goal, until the steps are used up, or the point is stuck."""
         safe_m, box = padded_safe_distance(p), motion_box(p)
         step_m, reach_m = STEP_SAFE * p.safe_m, REACH_SAFE * p.safe_m
         sensor = RangeSensor(p, reach_m, box, safe_m)
@@ -63,6 +65,8 @@ class OnlinePlanner(RolloutPlanner):
         path, waits = [here], 0
         allowed = _LEAST_STEPS + int(_ALLOWED_DETOUR * left / step_m)
         while left > 0.0 and len(path) <= allowed and waits < _MOST_WAITS:
+            if stepper.circled >= _BOTH_WAYS:
+                break
             points = sensor.points(*here)
             (x, y), (goal_x, goal_y) = here, goal
             view = LocalView(points, _NO_MOVERS, x, y, goal_x, goal_y, safe_m, step_m, reach_m, box)
@@ -89,7 +93,7 @@ class AvoaOnline(OnlinePlanner):
         Returns:
             The steering; see `OnlinePlanner.steering`.
         """
-        return RuleSteering(AfricanVultures)
+        return vulture_steering()
 
 
 class ApsoOnline(OnlinePlanner):
@@ -103,7 +107,7 @@ class ApsoOnline(OnlinePlanner):
         Returns:
             The steering; see `OnlinePlanner.steering`.
         """
-        return RuleSteering(AdaptiveSwarm)
+        return swarm_steering()
 
 
 class FuzzyWdo(OnlinePlanner):
@@ -117,4 +121,4 @@ class FuzzyWdo(OnlinePlanner):
         Returns:
             The steering with untuned parameters; see `OnlinePlanner.steering`.
         """
-        return FuzzySteering()
+        return CompiledFuzzySteering()

@@ -47,13 +47,13 @@ from simloop.planners.splitmix import State
 
 SIMULATED_STEPS = 6
 RETUNE_STEPS = 2
-_SECTOR_RAYS = 5
-_HALF_SECTOR_RAD = 0.5
-_SECTORS_RAD = (1.1, 0.0, -1.1)  # middles of the left, front and right sector
+SECTOR_RAYS = 5
+HALF_SECTOR_RAD = 0.5
+SECTORS_RAD = (1.1, 0.0, -1.1)  # middles of the left, front and right sector
 # Parameters of a controller: front near, far (steps); sides near, far (steps); bearing that counts
 # as a side (rad); small turn, hard turn (rad).
-_LOW = np.array([1.0, 3.0, 1.0, 2.0, 0.2, 0.1, 0.5])
-_HIGH = np.array([3.0, 12.0, 2.0, 6.0, 1.2, 1.5, 2.5])
+LOW = np.array([1.0, 3.0, 1.0, 2.0, 0.2, 0.1, 0.5])
+HIGH = np.array([3.0, 12.0, 2.0, 6.0, 1.2, 1.5, 2.5])
 
 
 @njit(cache=True)
@@ -70,8 +70,8 @@ def sector_range(view: LocalView, x: float, y: float, middle: float) -> float:
         Free range, in steps.
     """
     least = np.inf
-    for k in range(_SECTOR_RAYS):
-        angle = middle + _HALF_SECTOR_RAD * (2.0 * k / (_SECTOR_RAYS - 1) - 1.0)
+    for k in range(SECTOR_RAYS):
+        angle = middle + HALF_SECTOR_RAD * (2.0 * k / (SECTOR_RAYS - 1) - 1.0)
         least = min(least, free_range(view, x, y, math.cos(angle), math.sin(angle)))
     return least / view.step_m
 
@@ -175,9 +175,9 @@ def controller_heading(
     """
     bearing = math.atan2(view.target_y - at_y, view.target_x - at_x) - heading
     bearing = (bearing + math.pi) % (2.0 * math.pi) - math.pi
-    left = sector_range(view, at_x, at_y, heading + _SECTORS_RAD[0])
-    front = sector_range(view, at_x, at_y, heading + _SECTORS_RAD[1])
-    right = sector_range(view, at_x, at_y, heading + _SECTORS_RAD[2])
+    left = sector_range(view, at_x, at_y, heading + SECTORS_RAD[0])
+    front = sector_range(view, at_x, at_y, heading + SECTORS_RAD[1])
+    right = sector_range(view, at_x, at_y, heading + SECTORS_RAD[2])
     asked = heading + fuzzy_turn(x, left, front, right, bearing)
     for k in range(BEAMS // 2):
         for side in (1.0, -1.0):
@@ -277,7 +277,7 @@ class _ControllerObjective:
 
     def __init__(self, view: LocalView, heading: float) -> None:
         self._view, self._heading = view, heading
-        self.low, self.high = _LOW, _HIGH
+        self.low, self.high = LOW, HIGH
 
     def costs(self, x: FloatArray, out: FloatArray, bounds: FloatArray) -> None:
         controller_costs(self._view, x, self._heading, out)
@@ -288,7 +288,7 @@ class FuzzySteering:
 
     def __init__(self) -> None:
         self.evaluations = 0
-        self._tuned = 0.5 * (_LOW + _HIGH)
+        self._tuned = 0.5 * (LOW + HIGH)
         self._age = 0
 
     def heading(self, view: LocalView, heading: float, state: State) -> float:
@@ -306,12 +306,16 @@ class FuzzySteering:
             Heading, rad, map frame.
         """
         if self._age % RETUNE_STEPS == 0 or len(view.movers):
-            objective = _ControllerObjective(view, heading)
-            population = Population(objective, AGENTS, AGENTS * (1 + ITERATIONS), state)
-            minimise(WindDriven(), population, self._tuned[None])
-            self._tuned = population.best_x.copy()
-            self.evaluations += population.spent
+            self.evaluations += self._tune(view, heading, state)
         self._age += 1
         angle = controller_heading(view, self._tuned, view.x, view.y, heading)
         angle = angle if math.isfinite(angle) else heading
         return evasive_heading(view, angle) if len(view.movers) else angle
+
+    def _tune(self, view: LocalView, heading: float, state: State) -> int:
+        """Tune the controller and return the number of controllers that were evaluated."""
+        objective = _ControllerObjective(view, heading)
+        population = Population(objective, AGENTS, AGENTS * (1 + ITERATIONS), state)
+        minimise(WindDriven(), population, self._tuned[None])
+        self._tuned = population.best_x.copy()
+        return population.spent

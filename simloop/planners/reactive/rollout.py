@@ -15,15 +15,24 @@ import numpy as np
 from numba import njit
 
 from simloop.config import PlannerConfig, VehicleConfig
+from simloop.geometry.distance_field import FREE_M
 from simloop.messages import FloatArray, Plan, WorldView
 from simloop.planners.problem.account import account, lack_of, problem_of
-from simloop.planners.problem.clearance import Problem, relaxed_clearance
+from simloop.planners.problem.clearance import (
+    STACK,
+    Problem,
+    relaxed_clearance,
+    segment_clearance,
+)
+from simloop.planners.problem.flat_problem import allowance, sample_field
 from simloop.planners.protocol import PlanningTask
+from simloop.planners.tlbo.warm import way_ahead
 
 TOLERANCE_SHARES = (0.02, 0.005, 0.0)
 """Allowed distances of a simplified path from the trace, in safe distances. The first one that
 costs no clearance is used."""
-_OVERHANG_SHARES = (0.0, 0.25, 0.5, 1.0)
+_ATTEMPTS = 4
+_LEAST_GROWTH = 0.1  # of the overhang: growth between two attempts
 # Half widths of the central differences: as a share of the safe distance, and of a field's cell.
 _SLOPE_SAFE = 1e-3
 _SLOPE_CELLS = 0.5
@@ -38,6 +47,8 @@ class Rollout(NamedTuple):
         evaluations: Number of candidates tried.
         generations: Number of generations of a search, if there was one.
         candidates: Further paths (n, 2), m, map frame, for display.
+        others: Further paths (n, 2), m, map frame, that reach the goal. If ``path`` lacks
+            clearance, the first of them that does not is used.
     """
 
     path: FloatArray
@@ -45,15 +56,17 @@ class Rollout(NamedTuple):
     evaluations: int
     generations: int = 0
     candidates: tuple[FloatArray, ...] = ()
+    others: tuple[FloatArray, ...] = ()
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def nearest_surface(p: Problem, x: float, y: float) -> tuple[float, float, float]:
     """Compute the distance from a point to the nearest grown obstacle, and its gradient.
 
     Obstacles are grown by the safe distance. Near a start that is too close to an obstacle the safe
     distance is relaxed. Among discs the gradient is exact, elsewhere it comes from central
-    differences.
+    differences. The function is compiled into its callers, whose loops would otherwise spend most
+    of their time on handing the problem over.
 
     Args:
         p: The planning problem.
@@ -64,27 +77,36 @@ def nearest_surface(p: Problem, x: float, y: float) -> tuple[float, float, float
         Distance, m, negative inside the grown obstacle; unit vector away from the obstacle, or
         (0, 0) where the distance has no slope.
     """
-    gap = relaxed_clearance(p, x, y) - p.safe_m
+    ux, uy = 0.0, 0.0
     if p.field.size == 0 and p.corners.size == 0:
-        least = np.inf
-        ux, uy = 0.0, 0.0
+        gap, least = FREE_M, np.inf
         for k in range(p.discs.shape[1]):
             dx, dy = x - p.discs[0, k], y - p.discs[1, k]
             apart = math.hypot(dx, dy)
+            gap = min(gap, apart - p.discs[2, k])
             if apart - p.discs[2, k] < least and apart > 0.0:
                 least = apart - p.discs[2, k]
                 ux, uy = dx / apart, dy / apart
-        return gap, ux, uy
-    h = _SLOPE_CELLS / p.per_m if p.field.size > 0 else _SLOPE_SAFE * p.safe_m
-    gx = relaxed_clearance(p, x + h, y) - relaxed_clearance(p, x - h, y)
-    gy = relaxed_clearance(p, x, y + h) - relaxed_clearance(p, x, y - h)
+        return gap + allowance(p, x, y) - p.safe_m, ux, uy
+    if p.field.size > 0:
+        h = _SLOPE_CELLS / p.per_m
+        gap = sample_field(p, x, y) + allowance(p, x, y)
+        gx = sample_field(p, x + h, y) + allowance(p, x + h, y)
+        gx -= sample_field(p, x - h, y) + allowance(p, x - h, y)
+        gy = sample_field(p, x, y + h) + allowance(p, x, y + h)
+        gy -= sample_field(p, x, y - h) + allowance(p, x, y - h)
+    else:
+        h = _SLOPE_SAFE * p.safe_m
+        gap = relaxed_clearance(p, x, y)
+        gx = relaxed_clearance(p, x + h, y) - relaxed_clearance(p, x - h, y)
+        gy = relaxed_clearance(p, x, y + h) - relaxed_clearance(p, x, y - h)
     size = math.hypot(gx, gy)
-    if size < 1e-12:
-        return gap, 0.0, 0.0
-    return gap, gx / size, gy / size
+    if size >= 1e-12:
+        ux, uy = gx / size, gy / size
+    return gap - p.safe_m, ux, uy
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def inside_bounds(p: Problem, x: float, y: float) -> bool:
     """Tell whether a point lies in the waypoints' box, extended to start and goal.
 
@@ -156,35 +178,49 @@ def plan_by_rollout(
     task: PlanningTask,
     problem: Problem,
     roll_out: Callable[[Problem, int], Rollout],
+    known_cost: float = math.inf,
 ) -> Plan:
     """Move a point to the goal and turn its trace into a plan.
 
     The moving point ignores the vehicle's overhang. If its path lacks clearance for this reason,
-    the obstacles are grown by a quarter, a half and the whole of the overhang. The first path that
-    is safe and reaches the goal is used, else the one with the least missing clearance.
+    the obstacles are grown by what is missing at its worst place, up to the whole overhang, and the
+    point moves again. If it does not reach the goal among the grown obstacles, they are grown
+    half as much more. The first path that is safe and reaches the goal is used, else the one
+    with the least missing clearance. Without an overhang there is one attempt.
 
     Args:
         name: Name of the planner.
         task: The task, with the original world view.
         problem: The planning problem in the view that the planner uses.
         roll_out: Function of a problem and the number of the attempt, from 0.
+        known_cost: J of a safe path that is known. The attempts end when a path costs more even
+            without regard to its clearance, because larger obstacles make no path cheaper.
 
     Returns:
         The plan; ``safe`` only if its path keeps the safe distance and reaches the goal.
     """
     best: tuple[float, Rollout, FloatArray] | None = None
     evaluations = 0
-    shares = _OVERHANG_SHARES if problem.overhang_m > 0.0 else _OVERHANG_SHARES[:1]
-    for attempt, share in enumerate(shares):
-        done = roll_out(with_extra_clearance(problem, share * problem.overhang_m), attempt)
+    growth, lacking = 0.0, 0.0
+    for attempt in range(_ATTEMPTS if problem.overhang_m > 0.0 else 1):
+        done = roll_out(with_extra_clearance(problem, growth), attempt)
         evaluations += done.evaluations
-        path, lack = _finish(problem, done)
+        path, lack = _safest(problem, done)
         left = math.hypot(problem.goal_x - path[-1, 0], problem.goal_y - path[-1, 1])
         badness = lack + (0.0 if done.reached else left)
         if best is None or badness < best[0]:
             best = badness, done, path
-        if badness == 0.0:
+        if badness == 0.0 or (not done.reached and growth == 0.0):
+            break  # if obstacles as they are close the way off, grown ones do so as well
+        if done.reached and _account_of(name, task, problem, path, 0.0).cost >= known_cost:
             break
+        if done.reached:
+            if growth == problem.overhang_m:
+                break
+            more = max(_worst_lack(problem, path), _LEAST_GROWTH * problem.overhang_m)
+            lacking, growth = growth, min(growth + more, problem.overhang_m)
+        else:
+            growth = 0.5 * (lacking + growth)
     assert best is not None
     badness, done, path = best
     return account(
@@ -203,6 +239,10 @@ class RolloutPlanner:
     """A `simloop.planners.protocol.Planner` whose subclasses move a point through the view."""
 
     name: ClassVar[str] = ""
+    keeps_way: ClassVar[bool] = False
+    """Whether the last plan, as far as it lies ahead and is still safe, is kept until a better path
+    is found. A random planner without memory would turn round whenever its point happens to pass
+    an obstacle on the other side."""
 
     def __init__(self, config: PlannerConfig, vehicle: VehicleConfig) -> None:
         self._config = config
@@ -212,7 +252,7 @@ class RolloutPlanner:
         """Move a point to the goal and return its trace as a plan; see `Planner.plan`.
 
         Args:
-            task: The task; its previous plan is not used.
+            task: The task; its previous plan is used if the planner ``keeps_way``.
             rng: Source of all randomness.
 
         Returns:
@@ -221,7 +261,25 @@ class RolloutPlanner:
         """
         task = replace(task, world=self._usable_view(task.world))
         problem = problem_of(self._config, self._overhang, task)
-        return plan_by_rollout(self.name, task, problem, self._make_rollout(task.world, rng))
+        old = self._old_plan(task, problem)
+        roll_out = self._make_rollout(task.world, rng)
+        if old is None:
+            return plan_by_rollout(self.name, task, problem, roll_out)
+        plan = plan_by_rollout(self.name, task, problem, roll_out, old.cost)
+        if plan.safe and plan.cost < old.cost:
+            return plan
+        return replace(
+            old,
+            evaluations=plan.evaluations,
+            generations=plan.generations,
+            candidates_m=plan.candidates_m,
+        )
+
+    def _old_plan(self, task: PlanningTask, problem: Problem) -> Plan | None:
+        """Return the plan along what lies ahead of the last one, if that is kept and still safe."""
+        way = way_ahead(problem, task.previous) if self.keeps_way else None
+        plan = None if way is None else _account_of(self.name, task, problem, way)
+        return plan if plan is not None and plan.safe else None
 
     def _usable_view(self, world: WorldView) -> WorldView:
         """Return the view in a form that this planner can use."""
@@ -232,6 +290,37 @@ class RolloutPlanner:
     ) -> Callable[[Problem, int], Rollout]:
         """Return the function that moves the point; see `plan_by_rollout`."""
         raise NotImplementedError
+
+
+def _account_of(
+    name: str, task: PlanningTask, p: Problem, path: FloatArray, lack_m: float | None = None
+) -> Plan:
+    """Return the plan along a path that nobody has searched for."""
+    return account(name, task, p, path, lack_m=lack_m, evaluations=0, generations=0)
+
+
+@njit(cache=True)
+def _worst_lack(p: Problem, path: FloatArray) -> float:
+    """Return the clearance that is missing at the worst place of a path, m."""
+    worst, stack, need = 0.0, np.zeros((STACK, 3)), p.safe_m - p.tolerance_m
+    for i in range(path.shape[0] - 1):
+        clear = segment_clearance(
+            p, path[i, 0], path[i, 1], path[i + 1, 0], path[i + 1, 1], need, -np.inf, stack
+        )
+        if clear < need:
+            worst = max(worst, p.safe_m - clear)
+    return worst
+
+
+def _safest(p: Problem, done: Rollout) -> tuple[FloatArray, float]:
+    """Return the first of a result's paths that is safe, else the first, and what it lacks, m."""
+    first = _finish(p, done)
+    if first[1] > 0.0:
+        for other in done.others:
+            path, lack = _finish(p, done._replace(path=other))
+            if lack == 0.0:
+                return path, lack
+    return first
 
 
 def _finish(p: Problem, done: Rollout) -> tuple[FloatArray, float]:

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from simloop.messages import FloatArray
-from simloop.planners.problem.clearance import Problem, point_clearance
+from simloop.planners.problem.flat_problem import Problem, sample_field
 from simloop.planners.reactive.rollout import nearest_surface
 
 BEAMS = 360
@@ -57,13 +57,13 @@ class LocalView(NamedTuple):
     box: FloatArray
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _trace_field(p: Problem, x: float, y: float, ux: float, uy: float, reach: float) -> float:
     """Trace a beam through a distance field by spheres; return its range, ``reach`` for no hit."""
     cell = 1.0 / p.per_m
     t = 0.0
     while t < reach:
-        d = point_clearance(p, x + t * ux, y + t * uy)
+        d = sample_field(p, x + t * ux, y + t * uy)
         if d < _TOUCH_CELLS * cell:
             return t
         # No obstacle lies within d, so the beam may jump by d; a minimum keeps it moving at a wall.
@@ -71,7 +71,7 @@ def _trace_field(p: Problem, x: float, y: float, ux: float, uy: float, reach: fl
     return reach
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def cast_ray(p: Problem, x: float, y: float, ux: float, uy: float, reach: float) -> float:
     """Compute the range from a point along a unit vector to the first obstacle.
 
@@ -115,7 +115,7 @@ def cast_ray(p: Problem, x: float, y: float, ux: float, uy: float, reach: float)
     return least
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _nearest_field_point(p: Problem, x: float, y: float) -> tuple[float, float]:
     """Find the nearest surface point of a distance field, from a point close to it."""
     gap, ux, uy = nearest_surface(p, x, y)
@@ -123,7 +123,7 @@ def _nearest_field_point(p: Problem, x: float, y: float) -> tuple[float, float]:
     return x - gap * ux, y - gap * uy
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def distance_to_edge(box: FloatArray, x: float, y: float, ux: float, uy: float) -> float:
     """Compute the distance from a point along a unit vector to the edge of a box.
 
@@ -183,6 +183,30 @@ def scan(
 
 
 @njit(cache=True)
+def within(view: LocalView, radius: float) -> LocalView:
+    """Return a view with only the points that are not farther from the robot than a radius.
+
+    Args:
+        view: What the robot knows.
+        radius: The radius, m; a little more is kept, for rounding errors.
+
+    Returns:
+        The view with fewer points.
+    """
+    square = radius * radius * (1.0 + 1e-9)
+    near, count = np.empty_like(view.points), 0
+    for k in range(view.points.shape[0]):
+        dx, dy = view.points[k, 0] - view.x, view.points[k, 1] - view.y
+        if dx * dx + dy * dy <= square:
+            near[count, 0], near[count, 1] = view.points[k, 0], view.points[k, 1]
+            count += 1
+    return LocalView(
+        near[:count], view.movers, view.x, view.y, view.target_x, view.target_y,
+        view.safe_m, view.step_m, view.reach_m, view.box,
+    )  # fmt: skip
+
+
+@njit(cache=True, forceinline=True)
 def free_range(view: LocalView, x: float, y: float, ux: float, uy: float) -> float:
     """Compute how far a disc of radius ``view.safe_m`` can move before it touches a sensed point.
 
@@ -210,7 +234,7 @@ def free_range(view: LocalView, x: float, y: float, ux: float, uy: float) -> flo
     return min(least, distance_to_edge(view.box, x, y, ux, uy))
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def nearest_point_distance(view: LocalView, x: float, y: float) -> float:
     """Compute the distance from a point to the nearest sensed fixed surface.
 
@@ -228,7 +252,7 @@ def nearest_point_distance(view: LocalView, x: float, y: float) -> float:
     return least
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def collision_threat(view: LocalView, vx: float, vy: float) -> float:
     """Compute how strongly a velocity leads into the predicted movers: 0 for no encounter.
 
@@ -255,7 +279,7 @@ def collision_threat(view: LocalView, vx: float, vy: float) -> float:
     return worst
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def nearest_mover_distance(view: LocalView, x: float, y: float) -> float:
     """Compute the distance from a point to the nearest mover's surface, one step ahead.
 
@@ -297,11 +321,13 @@ def surface_heading(view: LocalView, heading: float, side: int) -> float:
             angle = (angle + 0.5 * math.pi) % (2.0 * math.pi) - 0.5 * math.pi
             if _SIDE_FROM_RAD <= angle <= _SIDE_TO_RAD:
                 least, towards = apart, math.atan2(dy, dx)
-    # Sweep headings away from the surface: the first free one runs closest along it.
+    # Sweep headings away from the surface: the first free one runs closest along it. A point
+    # farther away than the free range plus the disc's radius cannot block one.
+    enough = _FREE_STEPS * view.step_m
+    near = within(view, enough + view.safe_m)
     for k in range(BEAMS):
         angle = towards - side * 2.0 * math.pi * k / BEAMS
-        free = free_range(view, view.x, view.y, math.cos(angle), math.sin(angle))
-        if free >= _FREE_STEPS * view.step_m:
+        if free_range(near, view.x, view.y, math.cos(angle), math.sin(angle)) >= enough:
             return angle
     return np.nan
 
@@ -318,9 +344,10 @@ def easier_side(view: LocalView, bearing: float, enough: float) -> int:
     Returns:
         1 to keep the obstacle on the left, -1 to keep it on the right.
     """
+    near = within(view, enough + view.safe_m)
     for k in range(BEAMS // 2):
         for side in (1, -1):
             angle = bearing - side * 2.0 * math.pi * k / BEAMS
-            if free_range(view, view.x, view.y, math.cos(angle), math.sin(angle)) >= enough:
+            if free_range(near, view.x, view.y, math.cos(angle), math.sin(angle)) >= enough:
                 return side
     return 1

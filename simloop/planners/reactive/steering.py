@@ -37,7 +37,7 @@ AGENTS, ITERATIONS = 10, 10
 TURN_LIMIT_RAD = 5.0
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def heading_cost(view: LocalView, angle: float, bearing: float) -> float:
     """Compute the cost of one step in a direction (Abed 2022, Eq. 5, with penalties).
 

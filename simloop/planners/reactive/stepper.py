@@ -69,6 +69,9 @@ class Stepper:
     """Moves a point robot step by step; keeps its mode and its heading between the steps.
 
     The mode is either "towards the goal" or "along a surface".
+
+    Attributes:
+        circled: How often the robot has come back to where it met the present surface.
     """
 
     def __init__(self, steering: Steering, state: State, heading: float) -> None:
@@ -83,6 +86,7 @@ class Stepper:
         self._side = 0  # 1 or -1: a surface is followed on the left or right; 0: towards the goal
         self._stopped_at = np.zeros(2)
         self._follow_steps = 0
+        self.circled = 0
 
     @property
     def evaluations(self) -> int:
@@ -119,6 +123,7 @@ class Stepper:
                 return there
             self._side = easier_side(view, bearing, min(_OPEN_STEPS * view.step_m, view.reach_m))
             self._heading, self._stopped_at, self._follow_steps = bearing, here, 0
+            self.circled = 0
         return self._follow_surface(view, here)
 
     def _can_reach_goal(self, view: LocalView, bearing: float, left: float) -> bool:
@@ -143,6 +148,7 @@ class Stepper:
         if self._follow_steps > _LOOP_STEPS and math.dist(here, self._stopped_at) < view.step_m:
             # The robot has circled the obstacle without finding a way, so it turns back.
             self._side, self._follow_steps = -self._side, 0
+            self.circled += 1
         angle = surface_heading(view, self._heading, self._side)
         if not math.isfinite(angle):
             return here
