@@ -15,12 +15,12 @@ import numpy as np
 from numba import njit
 
 from simloop.messages import FloatArray
-from simloop.planners.problem.clearance import Problem, point_clearance
-from simloop.planners.problem.objective import evaluate, length_and_turning, make_stack
+from simloop.planners.problem.clearance import Problem
+from simloop.planners.problem.examined import examined_cost, steepest
+from simloop.planners.problem.objective import evaluate, make_stack
 
 CODINGS = ("box", "crosslines")
 _MOST_ACROSS = 1.0
-_NEAREST_M = 1e-3
 
 
 class Coding(NamedTuple):
@@ -175,44 +175,6 @@ def _whole_curve_costs(
 
 
 @njit(cache=True)
-def examined_penalty(p: Problem, path: FloatArray, m: int, examined: int) -> float:
-    """Compute the sum of R as in the papers, Eqs. 16 and 17: one term per obstacle.
-
-    R = 1/d - 1/delta if d < delta. d is the distance from an obstacle's centre to the nearest
-    examined point: the inner waypoints and some points within each segment. A distance field has no
-    centres: there d is the least clearance and delta the safe distance.
-
-    Args:
-        p: The problem.
-        path: (>= m, 2) waypoints, m.
-        m: Number of waypoints.
-        examined: Number of examined points within each segment.
-
-    Returns:
-        The sum, 1/m.
-    """
-    in_field = p.field.size > 0
-    total = 0.0
-    for k in range(1 if in_field else p.discs.shape[1]):
-        delta = p.safe_m if in_field else p.discs[2, k] + p.safe_m
-        d = np.inf
-        for i in range(m - 1):
-            for n in range(examined + 1):
-                if i == 0 and n == 0:
-                    continue
-                t = n / (examined + 1)
-                x = path[i, 0] + t * (path[i + 1, 0] - path[i, 0])
-                y = path[i, 1] + t * (path[i + 1, 1] - path[i, 1])
-                if in_field:
-                    d = min(d, point_clearance(p, x, y))
-                else:
-                    d = min(d, math.hypot(x - p.discs[0, k], y - p.discs[1, k]))
-        if d < delta:
-            total += 1.0 / max(d, _NEAREST_M) - 1.0 / delta
-    return total
-
-
-@njit(cache=True)
 def _examined_costs(
     p: Problem,
     coding: Coding,
@@ -220,16 +182,13 @@ def _examined_costs(
     out: FloatArray,
     bounds: FloatArray,
     examined: int,
+    slope: tuple[float, float],
     path: FloatArray,
 ) -> None:
     """Compute J of each row of x as in the papers: clearance at some points, no start turn."""
     for k in range(x.shape[0]):
-        p.trials[0] += 1
         m = decode(p, coding, x[k], path)
-        length, turning = length_and_turning(path, m)
-        out[k] = p.length_weight * length + p.turning_weight * turning
-        if out[k] <= bounds[k]:  # otherwise length and turning alone exceed the bound
-            out[k] += p.penalty * examined_penalty(p, path, m, examined)
+        out[k] = examined_cost(p, path, m, bounds[k], examined, slope)
 
 
 class PathObjective:
@@ -245,7 +204,7 @@ class PathObjective:
     def __init__(self, problem: Problem, coding: Coding, examined: int | None = None) -> None:
         self.problem, self.coding = problem, coding
         self.low, self.high = coding.low, coding.high
-        self._examined = examined
+        self._examined, self._slope = examined, steepest(problem)
         self._path, self._stack = np.zeros((coding.points + 2, 2)), make_stack()
 
     def costs(self, x: FloatArray, out: FloatArray, bounds: FloatArray) -> None:
@@ -260,7 +219,7 @@ class PathObjective:
         if self._examined is None:
             _whole_curve_costs(p, coding, x, out, bounds, path, self._stack)
         else:
-            _examined_costs(p, coding, x, out, bounds, self._examined, path)
+            _examined_costs(p, coding, x, out, bounds, self._examined, self._slope, path)
 
     def path(self, x: FloatArray) -> FloatArray:
         """Decode a vector into waypoints.

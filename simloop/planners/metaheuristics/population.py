@@ -215,15 +215,34 @@ class Population:
         self.evaluate(self.candidate, self.offered, self.cost)
         _accept(self.x, self.cost, self.candidate, self.offered, self.improved)
 
-    def price(self) -> None:
-        """Keep the candidates inside the box and write their exact costs into ``offered``."""
-        _keep_inside(self.candidate, self.low, self.high, self._reflect)
-        self.evaluate(self.candidate, self.offered)
+    def price(self, bounds: FloatArray | None = None) -> None:
+        """Keep the candidates inside the box and write their costs into ``offered``.
 
-    def replace(self) -> None:
-        """Replace the population by the candidates, better or not."""
-        self.price()
+        Args:
+            bounds: (n,) costs above which the exact value does not matter; by default none.
+        """
+        _keep_inside(self.candidate, self.low, self.high, self._reflect)
+        self.evaluate(self.candidate, self.offered, bounds)
+
+    def replace(self, bounds: FloatArray | None = None) -> None:
+        """Replace the population by the candidates, better or not.
+
+        Args:
+            bounds: (n,) costs above which the exact value does not matter to the rule; by default
+                none.
+        """
+        self.price(bounds)
         self.x[:], self.cost[:] = self.candidate, self.offered
+
+    def exact_costs(self) -> FloatArray:
+        """Compute the costs of the population that bounds left inexact; not charged to the budget.
+
+        Returns:
+            (n,) the costs.
+        """
+        costs = np.empty(self.size)
+        self.objective.costs(self.x, costs, np.full(self.size, np.inf))
+        return costs
 
     def remove_duplicates(self) -> int:
         """Mutate one coordinate of each individual that equals another one.

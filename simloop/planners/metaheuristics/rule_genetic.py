@@ -169,7 +169,7 @@ class GeneticAlgorithm(Rule):
             p.x, p.cost, p.candidate, p.low, p.high,
             o.crossover, o.crossover_index, o.mutation_index, p.state,
         )  # fmt: skip
-        p.price()
+        p.price(np.full(p.size, p.cost.max()))  # a child worse than all parents does not survive
         everyone, costs = np.vstack([p.x, p.candidate]), np.concatenate([p.cost, p.offered])
         best = np.argsort(costs, kind="mergesort")[: p.size]
         p.x[:], p.cost[:] = everyone[best], costs[best]

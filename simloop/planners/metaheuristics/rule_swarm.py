@@ -100,9 +100,13 @@ class ParticleSwarm(Rule):
             p.x, self._speed, self._own_x, p.best_x, p.candidate, p.low, p.high,
             w, c1, c2, limit, p.state,
         )  # fmt: skip
-        p.replace()
+        p.replace(self._bounds(p))
         better = p.cost < self._own_cost
         self._own_x[better], self._own_cost[better] = p.x[better], p.cost[better]
+
+    def _bounds(self, p: Population) -> FloatArray | None:
+        """Return the costs above which a particle's exact cost does not matter."""
+        return self._own_cost
 
     def generation(self, population: Population) -> None:
         """Compute one generation.
@@ -230,6 +234,9 @@ class AdaptiveSwarm(ParticleSwarm):
         if self._swarm_state == CONVERGE:
             self._elitist_learning(p)
         self._move(p, inertia, self._c1, self._c2, o.speed_limit)
+
+    def _bounds(self, p: Population) -> FloatArray | None:
+        return None
 
     def _adapt(self, step: float) -> None:
         """Adapt c1 and c2, Zhan 2009, Section III-C: each in [1.5, 2.5], their sum in [3, 4]."""
