@@ -15,12 +15,24 @@ import numpy as np
 from numba import njit
 
 from simloop.messages import FloatArray
-from simloop.planners.problem.clearance import Problem
+from simloop.planners.problem.clearance import NO_LENGTH_M, Problem
 from simloop.planners.problem.examined import examined_cost, steepest
-from simloop.planners.problem.objective import evaluate, make_stack
+from simloop.planners.problem.objective import (
+    LEAST_INTRUSION_M,
+    THROUGH_M,
+    THROUGH_SHARE,
+    evaluate,
+    intrusion,
+    length_of,
+    make_stack,
+    plain_cost,
+    surely_above,
+)
+from simloop.planners.problem.windows import Windows, surely_keeps, window_minima
 
 CODINGS = ("box", "crosslines")
 _MOST_ACROSS = 1.0
+_ROUNDING = 1e-6  # more than the rounding error of a sum of penalties
 
 
 class Coding(NamedTuple):
@@ -191,8 +203,104 @@ def _examined_costs(
         out[k] = examined_cost(p, path, m, bounds[k], examined, slope)
 
 
+@njit(cache=True)
+def _insert(least: FloatArray, value: float) -> None:
+    """Insert a value into ascending values and drop the last."""
+    k = least.size - 1
+    while k > 0 and least[k - 1] > value:
+        least[k] = least[k - 1]
+        k -= 1
+    least[k] = value
+
+
+@njit(cache=True)
+def _best_costs(
+    p: Problem,
+    coding: Coding,
+    x: FloatArray,
+    out: FloatArray,
+    bounds: FloatArray,
+    keep: int,
+    path: FloatArray,
+    stack: FloatArray,
+) -> None:
+    """Compute J of each row of x, exact if it is one of the ``keep`` least or within its bound.
+
+    Rows are taken in the order of their cost without obstacles. What the ``keep`` best so far cost
+    is a bound for the rest: the final ``keep`` best cost no more.
+    """
+    n = x.shape[0]
+    for k in range(n):
+        m = decode(p, coding, x[k], path)
+        out[k] = plain_cost(p, path, m)
+    least = np.full(max(1, min(keep, n)), np.inf)
+    for k in np.argsort(out[:n]):
+        p.trials[0] += 1
+        bound = max(bounds[k], least[-1])
+        if out[k] > bound:
+            out[k] = np.inf
+            continue
+        m = decode(p, coding, x[k], path)
+        enough = surely_above(bound - out[k], p.penalty)
+        out[k] += p.penalty * intrusion(p, path, m, enough, stack)
+        if out[k] < least[-1]:
+            _insert(least, out[k])
+
+
+@njit(cache=True)
+def _at_most(p: Problem, lows: Windows, path: FloatArray, m: int, known: float) -> float:
+    """Return a value that J of a path in a field does not exceed; at once if it is below ``known``.
+
+    First every segment may lead through an obstacle, then one after the other is seen not to.
+    """
+    least = THROUGH_SHARE * p.safe_m
+    through = p.safe_m + LEAST_INTRUSION_M + THROUGH_M
+    spared = least + THROUGH_M
+    plain = plain_cost(p, path, m)
+    most = plain + p.penalty * (m - 1) * through + _ROUNDING
+    for i in range(m - 1):
+        if most < known:
+            break
+        ax, ay, bx, by = path[i, 0], path[i, 1], path[i + 1, 0], path[i + 1, 1]
+        length = math.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
+        share = p.overhang_m / length if length > NO_LENGTH_M else 0.0
+        ex, ey = share * (bx - ax), share * (by - ay)  # at least as long as with the overhang
+        if surely_keeps(p, lows, ax - ex, ay - ey, bx + ex, by + ey, least):
+            most -= p.penalty * spared
+    return most
+
+
+@njit(cache=True)
+def _dearest(
+    p: Problem, coding: Coding, x: FloatArray, lows: Windows, path: FloatArray, stack: FloatArray
+) -> int:
+    """Find the first row of x with the greatest J, in a field without negative values.
+
+    A row is left out if the most that it can cost is less than what another one costs. The longest
+    row comes first, because it is often among the dearest.
+    """
+    n = x.shape[0]
+    most = np.empty(n)
+    for k in range(n):
+        most[k] = length_of(path, decode(p, coding, x[k], path))
+    worst = int(np.argmax(most))
+    cost = evaluate(p, path, decode(p, coding, x[worst], path), np.inf, stack)
+    for k in range(n):
+        most[k] = -_at_most(p, lows, path, decode(p, coding, x[k], path), cost)
+    first = worst
+    for k in np.argsort(most):
+        if -most[k] < cost:
+            break
+        if k == first:
+            continue
+        found = evaluate(p, path, decode(p, coding, x[k], path), np.inf, stack)
+        if found > cost or (found == cost and k < worst):
+            worst, cost = k, found
+    return worst
+
+
 class PathObjective:
-    """An `Objective` over coded paths.
+    """A `SelectiveObjective` over coded paths.
 
     Attributes:
         problem: The problem.
@@ -204,6 +312,7 @@ class PathObjective:
     def __init__(self, problem: Problem, coding: Coding, examined: int | None = None) -> None:
         self.problem, self.coding = problem, coding
         self.low, self.high = coding.low, coding.high
+        self._windows: Windows | None = None
         self._examined, self._slope = examined, steepest(problem)
         self._path, self._stack = np.zeros((coding.points + 2, 2)), make_stack()
 
@@ -220,6 +329,38 @@ class PathObjective:
             _whole_curve_costs(p, coding, x, out, bounds, path, self._stack)
         else:
             _examined_costs(p, coding, x, out, bounds, self._examined, self._slope, path)
+
+    def best_costs(self, x: FloatArray, out: FloatArray, bounds: FloatArray, keep: int) -> None:
+        """Compute J of each vector; see `SelectiveObjective.best_costs`.
+
+        Args:
+            x: (n, d) vectors.
+            out: (n,) receives J.
+            bounds: (n,) values of J up to which it must be exact.
+            keep: Number of least values that must be exact.
+        """
+        if self._examined is not None:
+            self.costs(x, out, np.full(len(x), np.inf))
+        else:
+            _best_costs(self.problem, self.coding, x, out, bounds, keep, self._path, self._stack)
+
+    def dearest(self, x: FloatArray) -> int:
+        """Find the vector with the greatest J; see `SelectiveObjective.dearest`.
+
+        Args:
+            x: (n, d) vectors.
+
+        Returns:
+            Index of the vector.
+        """
+        field = self.problem.field
+        if self._windows is None and field.size and field.min() >= 0.0:
+            self._windows = window_minima(field)
+        if self._examined is not None or self._windows is None:
+            costs = np.empty(len(x))
+            self.costs(x, costs, np.full(len(x), np.inf))
+            return int(np.argmax(costs))
+        return int(_dearest(self.problem, self.coding, x, self._windows, self._path, self._stack))
 
     def path(self, x: FloatArray) -> FloatArray:
         """Decode a vector into waypoints.

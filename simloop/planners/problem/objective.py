@@ -106,6 +106,25 @@ def start_turn(p: Problem, path: FloatArray, m: int) -> float:
 
 
 @njit(cache=True, forceinline=True)
+def plain_cost(p: Problem, path: FloatArray, m: int) -> float:
+    """Compute J of a path without its obstacle term.
+
+    Args:
+        p: The problem.
+        path: (>= m, 2) waypoints, m.
+        m: Number of waypoints.
+
+    Returns:
+        The cost of the length and of all turns.
+    """
+    length, turning = length_and_turning(path, m)
+    cost = p.length_weight * length + p.turning_weight * turning
+    if p.start_turn_weight > 0.0:
+        cost += p.start_turn_weight * start_turn(p, path, m)
+    return cost
+
+
+@njit(cache=True, forceinline=True)
 def intrusion(p: Problem, path: FloatArray, m: int, enough: float, stack: FloatArray) -> float:
     """Compute sum R, the clearance that is missing on the segments.
 
@@ -155,10 +174,7 @@ def evaluate(p: Problem, path: FloatArray, m: int, bound: float, stack: FloatArr
     p.trials[0] += 1
     if bound < np.inf and p.length_weight * length_of(path, m) > bound:
         return np.inf
-    length, turning = length_and_turning(path, m)
-    cost = p.length_weight * length + p.turning_weight * turning
-    if p.start_turn_weight > 0.0:
-        cost += p.start_turn_weight * start_turn(p, path, m)
+    cost = plain_cost(p, path, m)
     if cost > bound:
         return cost
     return cost + p.penalty * intrusion(p, path, m, surely_above(bound - cost, p.penalty), stack)
