@@ -180,7 +180,13 @@ def _whole_curve_costs(
     """Compute J of each row of x, with the clearance of the whole path."""
     for k in range(x.shape[0]):
         m = decode(p, coding, x[k], path)
-        out[k] = evaluate(p, path, m, bounds[k], stack)
+        # In a box the length alone often decides; on cross lines it seldom does.
+        if coding.kind == 0 and p.length_weight * length_of(path, m) > bounds[k]:
+            p.trials[0] += 1
+            out[k] = np.inf
+            continue
+        # The rounding of a sum that was broken off must not bring it below the bound.
+        out[k] = evaluate(p, path, m, bounds[k] + 1e-9 + 1e-12 * bounds[k], stack)
 
 
 @njit(cache=True)

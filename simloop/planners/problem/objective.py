@@ -158,8 +158,7 @@ def intrusion(p: Problem, path: FloatArray, m: int, enough: float, stack: FloatA
 def evaluate(p: Problem, path: FloatArray, m: int, bound: float, stack: FloatArray) -> float:
     """Compute J of a path; this counts as a trial.
 
-    The terms are added from the cheapest to the most expensive one. None is negative, so the first
-    sum above the bound decides.
+    The obstacle term is expensive. It is skipped if length and turning alone exceed the bound.
 
     Args:
         p: The problem.
@@ -172,12 +171,13 @@ def evaluate(p: Problem, path: FloatArray, m: int, bound: float, stack: FloatArr
         J; any value above ``bound`` once J is certain to exceed ``bound``.
     """
     p.trials[0] += 1
-    if bound < np.inf and p.length_weight * length_of(path, m) > bound:
-        return np.inf
-    cost = plain_cost(p, path, m)
+    length, turning = length_and_turning(path, m)
+    cost = p.length_weight * length + p.turning_weight * turning
+    if p.start_turn_weight > 0.0:
+        cost += p.start_turn_weight * start_turn(p, path, m)
     if cost > bound:
         return cost
-    return cost + p.penalty * intrusion(p, path, m, surely_above(bound - cost, p.penalty), stack)
+    return cost + p.penalty * intrusion(p, path, m, (bound - cost) / p.penalty, stack)
 
 
 @njit(cache=True, forceinline=True)
