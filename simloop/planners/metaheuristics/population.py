@@ -284,14 +284,16 @@ class Population:
         return costs
 
     def dearest(self) -> int:
-        """Find the worst of the population, by exact costs; not charged to the budget.
+        """Find the worst after `replace` with ``keep``; this is not charged to the budget.
+
+        Without a `SelectiveObjective` all costs are exact then.
 
         Returns:
             Its index.
         """
         if self._selective is not None:
             return self._selective.dearest(self.x)
-        return int(np.argmax(self.exact_costs()))
+        return int(np.argmax(self.cost))
 
     def remove_duplicates(self) -> int:
         """Mutate one coordinate of each individual that equals another one.
