@@ -14,9 +14,11 @@ from simloop.benchmarks.planners.paper_scenes import (
     online_scene,
     paper_scene,
 )
+from simloop.benchmarks.planners.scenes import scene
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.planners.metaheuristics.rule_avoa import AfricanVultures
 from simloop.planners.metaheuristics.rule_swarm import AdaptiveSwarm
+from simloop.planners.problem.account import lack_of, problem_of
 from simloop.planners.problem.clearance import SAFE_WITHIN_M
 from simloop.planners.protocol import PlanningTask
 from simloop.planners.reactive.fuzzy import FuzzySteering
@@ -149,3 +151,28 @@ def test_every_scene_is_fixed_and_its_ends_are_free():
         paper_scene("atlantis")
     with pytest.raises(ValueError, match="choose from narrow"):
         online_scene("atlantis")
+
+
+def test_the_printed_rule_plans_for_a_point():
+    """Paths that keep d_safe from base_link may be too narrow for the vehicle's front and rear."""
+    one, narrow = scene("S1")[0], 0
+    task = PlanningTask(one.world, one.start, one.goal, one.safe_m)
+    config = PlannerConfig(name="tlbo_paper", safe_distance_m=one.safe_m)
+    for seed in range(6):
+        found = make_planner(config, VehicleConfig()).plan(task, np.random.default_rng(seed))
+        narrow += (
+            not found.safe and lack_of(problem_of(config, 0.0, task), found.waypoints_m) < 0.02
+        )
+    assert narrow > 0
+
+
+def test_the_printed_rule_begins_anew_each_frame():
+    one = paper_scene("sabiha4")
+    task = PlanningTask(one.world, one.start, one.goal, one.safe_m)
+    planner = make_planner(PlannerConfig(name="tlbo_paper", safe_distance_m=one.safe_m), POINT)
+    old = plan("tlbo", one, 0)
+    fresh, again = (
+        planner.plan(replace(task, previous=previous), np.random.default_rng(1))
+        for previous in (None, old)
+    )
+    assert old.safe and fresh.waypoints_m.tobytes() == again.waypoints_m.tobytes()

@@ -15,12 +15,21 @@ import numpy as np
 from numba import njit
 
 from simloop.messages import FloatArray
-from simloop.planners.problem.clearance import Problem, point_clearance
-from simloop.planners.problem.objective import evaluate, length_and_turning, make_stack
+from simloop.planners.problem.clearance import Problem
+from simloop.planners.problem.dear_paths import at_most, cost_if_dearer
+from simloop.planners.problem.examined import examined_cost, steepest
+from simloop.planners.problem.objective import (
+    evaluate,
+    intrusion,
+    length_of,
+    make_stack,
+    plain_cost,
+    surely_above,
+)
+from simloop.planners.problem.windows import Windows, window_minima
 
 CODINGS = ("box", "crosslines")
 _MOST_ACROSS = 1.0
-_NEAREST_M = 1e-3
 
 
 class Coding(NamedTuple):
@@ -171,45 +180,13 @@ def _whole_curve_costs(
     """Compute J of each row of x, with the clearance of the whole path."""
     for k in range(x.shape[0]):
         m = decode(p, coding, x[k], path)
-        out[k] = evaluate(p, path, m, bounds[k], stack)
-
-
-@njit(cache=True)
-def examined_penalty(p: Problem, path: FloatArray, m: int, examined: int) -> float:
-    """Compute the sum of R as in the papers, Eqs. 16 and 17: one term per obstacle.
-
-    R = 1/d - 1/delta if d < delta. d is the distance from an obstacle's centre to the nearest
-    examined point: the inner waypoints and some points within each segment. A distance field has no
-    centres: there d is the least clearance and delta the safe distance.
-
-    Args:
-        p: The problem.
-        path: (>= m, 2) waypoints, m.
-        m: Number of waypoints.
-        examined: Number of examined points within each segment.
-
-    Returns:
-        The sum, 1/m.
-    """
-    in_field = p.field.size > 0
-    total = 0.0
-    for k in range(1 if in_field else p.discs.shape[1]):
-        delta = p.safe_m if in_field else p.discs[2, k] + p.safe_m
-        d = np.inf
-        for i in range(m - 1):
-            for n in range(examined + 1):
-                if i == 0 and n == 0:
-                    continue
-                t = n / (examined + 1)
-                x = path[i, 0] + t * (path[i + 1, 0] - path[i, 0])
-                y = path[i, 1] + t * (path[i + 1, 1] - path[i, 1])
-                if in_field:
-                    d = min(d, point_clearance(p, x, y))
-                else:
-                    d = min(d, math.hypot(x - p.discs[0, k], y - p.discs[1, k]))
-        if d < delta:
-            total += 1.0 / max(d, _NEAREST_M) - 1.0 / delta
-    return total
+        # In a box the length alone often decides; on cross lines it seldom does.
+        if coding.kind == 0 and p.length_weight * length_of(path, m) > bounds[k]:
+            p.trials[0] += 1
+            out[k] = np.inf
+            continue
+        # The rounding of a sum that was broken off must not bring it below the bound.
+        out[k] = evaluate(p, path, m, bounds[k] + 1e-9 + 1e-12 * bounds[k], stack)
 
 
 @njit(cache=True)
@@ -220,20 +197,90 @@ def _examined_costs(
     out: FloatArray,
     bounds: FloatArray,
     examined: int,
+    slope: tuple[float, float],
     path: FloatArray,
 ) -> None:
     """Compute J of each row of x as in the papers: clearance at some points, no start turn."""
     for k in range(x.shape[0]):
-        p.trials[0] += 1
         m = decode(p, coding, x[k], path)
-        length, turning = length_and_turning(path, m)
-        out[k] = p.length_weight * length + p.turning_weight * turning
-        if out[k] <= bounds[k]:  # otherwise length and turning alone exceed the bound
-            out[k] += p.penalty * examined_penalty(p, path, m, examined)
+        out[k] = examined_cost(p, path, m, bounds[k], examined, slope)
+
+
+@njit(cache=True)
+def _insert(least: FloatArray, value: float) -> None:
+    """Insert a value into ascending values and drop the last."""
+    k = least.size - 1
+    while k > 0 and least[k - 1] > value:
+        least[k] = least[k - 1]
+        k -= 1
+    least[k] = value
+
+
+@njit(cache=True)
+def _best_costs(
+    p: Problem,
+    coding: Coding,
+    x: FloatArray,
+    out: FloatArray,
+    bounds: FloatArray,
+    keep: int,
+    path: FloatArray,
+    stack: FloatArray,
+) -> None:
+    """Compute J of each row of x, exact if it is one of the ``keep`` least or within its bound.
+
+    Rows are taken in the order of their cost without obstacles. What the ``keep`` best so far cost
+    is a bound for the rest: the final ``keep`` best cost no more.
+    """
+    n = x.shape[0]
+    for k in range(n):
+        m = decode(p, coding, x[k], path)
+        out[k] = plain_cost(p, path, m)
+    least = np.full(max(1, min(keep, n)), np.inf)
+    for k in np.argsort(out[:n]):
+        p.trials[0] += 1
+        bound = max(bounds[k], least[-1])
+        if out[k] > bound:
+            out[k] = np.inf
+            continue
+        m = decode(p, coding, x[k], path)
+        enough = surely_above(bound - out[k], p.penalty)
+        out[k] += p.penalty * intrusion(p, path, m, enough, stack)
+        if out[k] < least[-1]:
+            _insert(least, out[k])
+
+
+@njit(cache=True)
+def _dearest(
+    p: Problem, coding: Coding, x: FloatArray, lows: Windows, path: FloatArray, stack: FloatArray
+) -> int:
+    """Find the first row of x with the greatest J, in a field without negative values.
+
+    A row is left out if the most that it can cost is less than what another one costs. The longest
+    row comes first, because it is often among the dearest.
+    """
+    n = x.shape[0]
+    most = np.empty(n)
+    for k in range(n):
+        most[k] = length_of(path, decode(p, coding, x[k], path))
+    first = worst = int(np.argmax(most))
+    cost = evaluate(p, path, decode(p, coding, x[worst], path), np.inf, stack)
+    for k in range(n):
+        most[k] = -at_most(p, lows, path, decode(p, coding, x[k], path), cost)
+    for k in np.argsort(most):
+        if -most[k] < cost:
+            break
+        if k == first:
+            continue
+        m = decode(p, coding, x[k], path)
+        found = cost_if_dearer(p, lows, path, m, -most[k], cost, stack)
+        if found > cost or (found == cost and k < worst):
+            worst, cost = k, found
+    return worst
 
 
 class PathObjective:
-    """An `Objective` over coded paths.
+    """A `SelectiveObjective` over coded paths.
 
     Attributes:
         problem: The problem.
@@ -245,7 +292,8 @@ class PathObjective:
     def __init__(self, problem: Problem, coding: Coding, examined: int | None = None) -> None:
         self.problem, self.coding = problem, coding
         self.low, self.high = coding.low, coding.high
-        self._examined = examined
+        self._windows: Windows | None = None
+        self._examined, self._slope = examined, steepest(problem)
         self._path, self._stack = np.zeros((coding.points + 2, 2)), make_stack()
 
     def costs(self, x: FloatArray, out: FloatArray, bounds: FloatArray) -> None:
@@ -260,7 +308,39 @@ class PathObjective:
         if self._examined is None:
             _whole_curve_costs(p, coding, x, out, bounds, path, self._stack)
         else:
-            _examined_costs(p, coding, x, out, bounds, self._examined, path)
+            _examined_costs(p, coding, x, out, bounds, self._examined, self._slope, path)
+
+    def best_costs(self, x: FloatArray, out: FloatArray, bounds: FloatArray, keep: int) -> None:
+        """Compute J of each vector; see `SelectiveObjective.best_costs`.
+
+        Args:
+            x: (n, d) vectors.
+            out: (n,) receives J.
+            bounds: (n,) values of J up to which it must be exact.
+            keep: Number of least values that must be exact.
+        """
+        if self._examined is not None:
+            self.costs(x, out, np.full(len(x), np.inf))
+        else:
+            _best_costs(self.problem, self.coding, x, out, bounds, keep, self._path, self._stack)
+
+    def dearest(self, x: FloatArray) -> int:
+        """Find the vector with the greatest J; see `SelectiveObjective.dearest`.
+
+        Args:
+            x: (n, d) vectors.
+
+        Returns:
+            Index of the vector.
+        """
+        field = self.problem.field
+        if self._windows is None and field.size and field.min() >= 0.0:
+            self._windows = window_minima(field)
+        if self._examined is not None or self._windows is None:
+            costs = np.empty(len(x))
+            self.costs(x, costs, np.full(len(x), np.inf))
+            return int(np.argmax(costs))
+        return int(_dearest(self.problem, self.coding, x, self._windows, self._path, self._stack))
 
     def path(self, x: FloatArray) -> FloatArray:
         """Decode a vector into waypoints.

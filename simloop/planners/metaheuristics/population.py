@@ -19,7 +19,7 @@ budget costs infinity. All randomness comes from ``population.state`` (`simloop.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from numba import njit
@@ -47,6 +47,34 @@ class Objective(Protocol):
             out: (n,) receives the costs.
             bounds: (n,) costs above which the exact value does not matter; any value above the
                 bound is then allowed.
+        """
+        ...
+
+
+@runtime_checkable
+class SelectiveObjective(Objective, Protocol):
+    """An objective that finds the best or the worst of many faster than all costs."""
+
+    def best_costs(self, x: FloatArray, out: FloatArray, bounds: FloatArray, keep: int) -> None:
+        """Compute the cost of each vector, exact if it is one of the best or within its bound.
+
+        Args:
+            x: (n, d) vectors within the box.
+            out: (n,) receives the costs; where the exact value does not matter, any value above the
+                bound and above the ``keep`` least costs.
+            bounds: (n,) costs above which the exact value does not matter.
+            keep: Number of least costs that must be exact all the same.
+        """
+        ...
+
+    def dearest(self, x: FloatArray) -> int:
+        """Find the first vector with the greatest cost.
+
+        Args:
+            x: (n, d) vectors within the box.
+
+        Returns:
+            Index of the vector.
         """
         ...
 
@@ -159,6 +187,7 @@ class Population:
         self.history: list[tuple[int, float]] = []
         self.generation, self.generations = 0, 1
         self._reflect = reflect
+        self._selective = objective if isinstance(objective, SelectiveObjective) else None
 
     @property
     def size(self) -> int:
@@ -188,20 +217,28 @@ class Population:
         _keep_inside(self.x, self.low, self.high, False)
         self.evaluate(self.x, self.cost)
 
-    def evaluate(self, x: FloatArray, out: FloatArray, bounds: FloatArray | None = None) -> None:
+    def evaluate(
+        self, x: FloatArray, out: FloatArray, bounds: FloatArray | None = None, keep: int = 0
+    ) -> None:
         """Evaluate vectors while the budget lasts, and update the best and the history.
 
         Args:
             x: (m, d) vectors.
             out: (m,) receives their costs; infinity where the budget is spent.
             bounds: (m,) costs above which the exact value does not matter; by default none.
+            keep: Number of least costs that are exact all the same.
         """
         count = min(len(x), max(0, self.budget - self.spent))
         limit = np.full(len(x), np.inf) if bounds is None else bounds
         out[count:] = np.inf
         if count == 0:
             return
-        self.objective.costs(x[:count], out[:count], limit[:count])
+        if keep == 0:
+            self.objective.costs(x[:count], out[:count], limit[:count])
+        elif self._selective is not None:
+            self._selective.best_costs(x[:count], out[:count], limit[:count], keep)
+        else:
+            self.objective.costs(x[:count], out[:count], np.full(count, np.inf))
         self.spent += count
         k = int(np.argmin(out[:count]))
         if out[k] < self.best_cost:
@@ -215,15 +252,48 @@ class Population:
         self.evaluate(self.candidate, self.offered, self.cost)
         _accept(self.x, self.cost, self.candidate, self.offered, self.improved)
 
-    def price(self) -> None:
-        """Keep the candidates inside the box and write their exact costs into ``offered``."""
-        _keep_inside(self.candidate, self.low, self.high, self._reflect)
-        self.evaluate(self.candidate, self.offered)
+    def price(self, bounds: FloatArray | None = None, keep: int = 0) -> None:
+        """Keep the candidates inside the box and write their costs into ``offered``.
 
-    def replace(self) -> None:
-        """Replace the population by the candidates, better or not."""
-        self.price()
+        Args:
+            bounds: (n,) costs above which the exact value does not matter; by default none.
+            keep: Number of least costs that are exact all the same.
+        """
+        _keep_inside(self.candidate, self.low, self.high, self._reflect)
+        self.evaluate(self.candidate, self.offered, bounds, keep)
+
+    def replace(self, bounds: FloatArray | None = None, keep: int = 0) -> None:
+        """Replace the population by the candidates, better or not.
+
+        Args:
+            bounds: (n,) costs above which the exact value does not matter to the rule; by default
+                none.
+            keep: Number of least costs that are exact all the same.
+        """
+        self.price(bounds, keep)
         self.x[:], self.cost[:] = self.candidate, self.offered
+
+    def exact_costs(self) -> FloatArray:
+        """Compute the costs of the population that bounds left inexact; not charged to the budget.
+
+        Returns:
+            (n,) the costs.
+        """
+        costs = np.empty(self.size)
+        self.objective.costs(self.x, costs, np.full(self.size, np.inf))
+        return costs
+
+    def dearest(self) -> int:
+        """Find the worst after `replace` with ``keep``; this is not charged to the budget.
+
+        Without a `SelectiveObjective` all costs are exact then.
+
+        Returns:
+            Its index.
+        """
+        if self._selective is not None:
+            return self._selective.dearest(self.x)
+        return int(np.argmax(self.cost))
 
     def remove_duplicates(self) -> int:
         """Mutate one coordinate of each individual that equals another one.

@@ -102,7 +102,7 @@ class PopulationPlanner:
         path = objective.path(population.best_x)
         if math.dist(task.start[:2], task.goal) < _HERE_M:
             path = np.array([task.start[:2], task.goal], dtype=np.float64)
-        shown = np.argsort(population.cost, kind="mergesort")[:_SHOWN]
+        shown = np.argsort(population.exact_costs(), kind="mergesort")[:_SHOWN]
         return account(
             self.name,
             task,

@@ -154,5 +154,6 @@ class AfricanVultures(Rule):
             p.x, p.candidate, self._best_x, p.low, p.high, hunger,
             o.p1, o.p2, o.p3, o.first, o.levy_step, p.state,
         )  # fmt: skip
-        p.replace()
+        # Only a vulture that becomes one of the two best so far matters.
+        p.replace(np.full(p.size, self._best_cost[1]))
         self._remember(p)

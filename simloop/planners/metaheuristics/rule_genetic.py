@@ -169,7 +169,7 @@ class GeneticAlgorithm(Rule):
             p.x, p.cost, p.candidate, p.low, p.high,
             o.crossover, o.crossover_index, o.mutation_index, p.state,
         )  # fmt: skip
-        p.price()
+        p.price(np.full(p.size, p.cost.max()))  # a child worse than all parents does not survive
         everyone, costs = np.vstack([p.x, p.candidate]), np.concatenate([p.cost, p.offered])
         best = np.argsort(costs, kind="mergesort")[: p.size]
         p.x[:], p.cost[:] = everyone[best], costs[best]
@@ -220,9 +220,10 @@ class GaPso(Rule):
             population: The population; changed.
         """
         p, o = population, self.options
-        order, half = np.argsort(p.cost, kind="mergesort"), p.size // 2
+        half = p.size // 2
+        order = np.argsort(p.cost, kind="mergesort")[:half]
         for rows in (p.x, p.cost, self._speed, self._own_x, self._own_cost):
-            rows[:] = rows[order]
+            rows[:half] = rows[order]
         fly(
             p.x[:half], self._speed[:half], self._own_x[:half], p.best_x, p.candidate[:half],
             p.low, p.high, o.inertia, o.own, o.social, o.speed_limit, p.state,
@@ -231,7 +232,9 @@ class GaPso(Rule):
             p.x[:half], p.cost[:half], p.candidate[half:], p.low, p.high,
             o.crossover, o.crossover_index, o.mutation_index, p.state,
         )  # fmt: skip
-        p.replace()
+        # The next generation takes the better half in order, and forgets the rest.
+        self._own_cost[half:] = -np.inf
+        p.replace(self._own_cost, keep=half)
         self._speed[half:] = 0.0
         self._own_cost[half:] = np.inf
         better = p.cost < self._own_cost

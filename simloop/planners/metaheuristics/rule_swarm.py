@@ -100,7 +100,8 @@ class ParticleSwarm(Rule):
             p.x, self._speed, self._own_x, p.best_x, p.candidate, p.low, p.high,
             w, c1, c2, limit, p.state,
         )  # fmt: skip
-        p.replace()
+        # All that is asked of a cost: is it a particle's own best, and which is the least of all?
+        p.replace(self._own_cost, keep=1)
         better = p.cost < self._own_cost
         self._own_x[better], self._own_cost[better] = p.x[better], p.cost[better]
 
@@ -141,18 +142,25 @@ def evolutionary_factor(x: FloatArray, best: int) -> float:
         0 (among the others) to 1 (farthest out).
     """
     n, d = x.shape
-    least, most, at_best = np.inf, 0.0, 0.0
+    columns = x.T.copy()
+    means, squares = np.zeros(n), np.empty(n)
     for i in range(n):
-        mean = 0.0
-        for k in range(n):
-            square = 0.0
-            for j in range(d):
-                square += (x[i, j] - x[k, j]) ** 2
-            mean += math.sqrt(square)
-        mean /= n - 1
-        least, most = min(least, mean), max(most, mean)
-        if i == best:
-            at_best = mean
+        # Each pair once, and all k side by side; every sum keeps the order of a plain double loop.
+        square, mean = squares[i + 1 :], means[i + 1 :]
+        square[:] = 0.0
+        for j in range(d):
+            here, column = columns[j, i], columns[j, i + 1 :]
+            for k in range(column.size):
+                square[k] += (here - column[k]) ** 2
+        total = means[i]
+        for k in range(square.size):
+            square[k] = math.sqrt(square[k])
+            mean[k] += square[k]
+        for k in range(square.size):
+            total += square[k]
+        means[i] = total
+    means /= n - 1
+    least, most, at_best = means.min(), means.max(), means[best]
     return (at_best - least) / (most - least) if most > least else 0.0
 
 
@@ -254,9 +262,9 @@ class AdaptiveSwarm(ParticleSwarm):
         jump[0, j] += (p.high[j] - p.low[j]) * sigma * normal(p.state)
         jump[0, j] = min(max(jump[0, j], p.low[j]), p.high[j])
         best = int(np.argmin(self._own_cost))
-        p.evaluate(jump, cost)
+        p.evaluate(jump, cost, self._own_cost[best : best + 1])
         if cost[0] < self._own_cost[best]:
             self._own_x[best], self._own_cost[best] = jump[0], cost[0]
         else:
-            worst = int(np.argmax(p.cost))
+            worst = p.dearest()
             p.x[worst], p.cost[worst] = jump[0], cost[0]

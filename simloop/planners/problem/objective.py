@@ -33,6 +33,27 @@ gets this many metres of extra intrusion: more than any way back out of a dead e
 
 
 @njit(cache=True, forceinline=True)
+def length_of(path: FloatArray, m: int) -> float:
+    """Compute S (Eq. 4) of a path, to the last bit as `length_and_turning` does.
+
+    Args:
+        path: (>= m, 2) waypoints, m.
+        m: Number of waypoints.
+
+    Returns:
+        Length, m.
+    """
+    length = 0.0
+    for i in range(m - 1):
+        dx = path[i + 1, 0] - path[i, 0]
+        dy = path[i + 1, 1] - path[i, 1]
+        step = math.sqrt(dx * dx + dy * dy)
+        if step > NO_LENGTH_M:
+            length += step
+    return length
+
+
+@njit(cache=True, forceinline=True)
 def length_and_turning(path: FloatArray, m: int) -> tuple[float, float]:
     """Compute S (Eq. 4) and Theta (Eq. 5, wrapped) of a path.
 
@@ -82,6 +103,25 @@ def start_turn(p: Problem, path: FloatArray, m: int) -> float:
             s = math.sin(p.start_yaw)
             return abs(math.atan2(c * dy - s * dx, c * dx + s * dy))
     return 0.0
+
+
+@njit(cache=True, forceinline=True)
+def plain_cost(p: Problem, path: FloatArray, m: int) -> float:
+    """Compute J of a path without its obstacle term.
+
+    Args:
+        p: The problem.
+        path: (>= m, 2) waypoints, m.
+        m: Number of waypoints.
+
+    Returns:
+        The cost of the length and of all turns.
+    """
+    length, turning = length_and_turning(path, m)
+    cost = p.length_weight * length + p.turning_weight * turning
+    if p.start_turn_weight > 0.0:
+        cost += p.start_turn_weight * start_turn(p, path, m)
+    return cost
 
 
 @njit(cache=True, forceinline=True)
@@ -138,6 +178,20 @@ def evaluate(p: Problem, path: FloatArray, m: int, bound: float, stack: FloatArr
     if cost > bound:
         return cost
     return cost + p.penalty * intrusion(p, path, m, (bound - cost) / p.penalty, stack)
+
+
+@njit(cache=True, forceinline=True)
+def surely_above(room: float, penalty: float) -> float:
+    """Compute a sum of intrusions that certainly costs more than ``room``, rounding included.
+
+    Args:
+        room: What the penalty may cost at most.
+        penalty: Weight of the sum.
+
+    Returns:
+        The sum.
+    """
+    return room / penalty * (1.0 + 1e-12) + 1e-12
 
 
 def make_stack() -> FloatArray:
