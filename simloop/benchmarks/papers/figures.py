@@ -70,7 +70,7 @@ def cell_of(entry: Entry, rows: Sequence[Row]) -> Cell:
         "time_mean_s": _mean(times),
         "time_median_s": _quantile(times, 50),
         "path_m": _mean(_values(arrived, "path_length_m")),
-        "path_ratio": _mean(_values(arrived, "path_ratio")),
+        "path_ratio": _quantile(_values(arrived, "path_ratio"), 50),
         "min_clearance_m": min(_values(rows, "min_clearance_m"), default=None),
         "frames": len(frames),
         "frame_ms_p50": _quantile(frames, 50),

@@ -10,6 +10,7 @@ import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,9 @@ Part = Any
 PARTS = ("sabiha", "wu", "mohamed", "abed", "weights")
 """The parts, each of which one worker measures."""
 
+ABED_RUNS = 10
+"""Runs of each method in Abed's worlds; the paper does not state its number."""
+
 _DIGITS = 6
 
 
@@ -49,7 +53,7 @@ def measure(name: str) -> Part:
         "sabiha": sabiha_tables,
         "wu": wu_tables,
         "mohamed": mohamed_tables,
-        "abed": abed_tables,
+        "abed": partial(abed_tables, ABED_RUNS),
     }
     return [_plain(asdict(table)) for table in makers[name]()]
 
@@ -113,14 +117,7 @@ def study_of(part: Part) -> weights.Study:
     Returns:
         The study.
     """
-    pls = {
-        key: np.array(value) if isinstance(value, list) else value
-        for key, value in part["pls"].items()
-    }
-    rest = {
-        key: np.array(value) if isinstance(value, list) else value for key, value in part.items()
-    }
-    return weights.Study(**{**rest, "pls": weights.Pls(**pls)})
+    return weights.Study(**{**_arrays(part), "pls": weights.Pls(**_arrays(part["pls"]))})
 
 
 def tables_of(tables: dict[str, Part], source: str) -> list[Part]:
@@ -141,6 +138,13 @@ def tables_of(tables: dict[str, Part], source: str) -> list[Part]:
 
 def _file(folder: Path, name: str) -> Path:
     return folder / f"tables_{name}.json"
+
+
+def _arrays(table: dict[str, Any]) -> dict[str, Any]:
+    """Convert lists to arrays."""
+    return {
+        key: np.array(value) if isinstance(value, list) else value for key, value in table.items()
+    }
 
 
 def _raise_lost(name: str) -> Part:
