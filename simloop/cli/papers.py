@@ -43,15 +43,15 @@ def do_papers(
             return dict(journal.rows), None
         if not with_tables:
             return dict(journal.rows), {}
-        found = tables.read(out)
+        done = len(tables.read(out))
         with (
             workers_at(workers, dask) as where,
             stop_asked() as stop,
             counting(Console(stderr=True), "tables", len(tables.PARTS)) as show,
         ):
-            show(len(found))
-            for name, part in tables.measure_missing(out, where, stop):
-                found[name] = part
-                show(len(found))
-        finished = all(name in found for name in tables.PARTS)
-        return dict(journal.rows), found if finished else None
+            show(done)
+            for _ in tables.measure_missing(out, where, stop):
+                done += 1
+                show(done)
+        found = tables.read(out)
+        return dict(journal.rows), found if len(found) == len(tables.PARTS) else None

@@ -14,7 +14,6 @@ from simloop.benchmarks.papers.figures import Cell
 from simloop.benchmarks.papers.papers import LEAD
 from simloop.campaign.work import Row
 from simloop.common.html_images import drawn
-from simloop.config import PlannerConfig
 from simloop.messages import FloatArray
 from simloop.scenario.build import World, build_world
 from simloop.scenario.load import load
@@ -90,26 +89,39 @@ def arrivals(cells: Sequence[Cell]) -> str:
     return drawn(figure, "share of runs that arrive, with 95 % intervals")
 
 
-def clearance(world: str, rows: Sequence[Row]) -> str:
-    """Draw the distance to the nearest obstacle along a drive (Sabiha 2022, online, Fig. 18).
+def clearances(world: str, rows: Sequence[Row]) -> list[FloatArray]:
+    """Measure the distance to the nearest obstacle along driven paths.
 
     Args:
-        world: Name of the scenario; its obstacles stand still.
-        rows: Rows of one planner's runs.
+        world: Name of a scenario whose obstacles stand still and are the same for each seed.
+        rows: Rows of runs, each with a path.
 
     Returns:
-        HTML image; empty if no run has a path.
+        For each run (N, 2): the way driven, m, and the distance from the vehicle's centre to the
+        nearest obstacle there, m.
     """
     floor = build_world(load(world, seed=rows[0]["seed"])).floor
-    paths = [np.array(row["path_m"]) for row in rows if row.get("path_m")][:_MOST_PATHS]
-    if not paths:
-        return ""
-    safe_m = PlannerConfig().safe_distance_m
+    found = []
+    for path in (np.array(row["path_m"]) for row in rows):
+        way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+        found.append(np.column_stack([way, floor.clearance_m(path)]))
+    return found
+
+
+def clearance(along: Sequence[FloatArray], safe_m: float) -> str:
+    """Draw the distance to the nearest obstacle along drives (Sabiha 2022, online, Fig. 18).
+
+    Args:
+        along: Way and distance of each run, see `clearances`.
+        safe_m: The distance that the paper keeps, m.
+
+    Returns:
+        HTML image.
+    """
     figure = Figure(figsize=(6.4, 2.6), layout="constrained", dpi=_DPI)
     axis = figure.subplots()
-    for path in paths:
-        way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
-        axis.plot(way, floor.clearance_m(path), color=_LEAD_COLOUR, lw=1.0, alpha=0.7)
+    for values in along[:_MOST_PATHS]:
+        axis.plot(*values.T, color=_LEAD_COLOUR, lw=1.0, alpha=0.7)
     axis.axhline(safe_m, color="black", lw=0.8, ls="--")
     axis.text(0.0, safe_m, f" d_safe {safe_m:.2f} m", fontsize=7, va="bottom")
     axis.set(xlabel="way, m", ylabel="from the centre to the\nnearest obstacle, m", ylim=(0, None))

@@ -16,6 +16,7 @@ from simloop.benchmarks.planners.page import check
 from simloop.benchmarks.planners.weights import PRINTED
 from simloop.campaign.work import Row
 from simloop.common.files import write_text
+from simloop.config import PlannerConfig
 
 __all__ = ["check", "render", "write"]
 
@@ -92,7 +93,7 @@ def figure(value: Any, digits: int = 2) -> str:
     if value is None:
         return "-"
     if isinstance(value, float):
-        return f"{value:.{digits}f}" if abs(value) < 1e4 else f"{value:.3g}"
+        return f"{value:.{digits}f}" if abs(value) < 1e4 else f"{value:,.0f}"
     return str(value)
 
 
@@ -134,14 +135,21 @@ def _weights(paper: Paper, figures: dict[str, Any]) -> dict[str, Any] | None:
     return {"study": study, "picture": charts.weights(study), "printed": PRINTED}
 
 
-def _clearance(paper: Paper, by_world: Mapping[str, Mapping[str, list[Row]]]) -> str:
-    """Draw the clearance of the lead planner's drives in the lead paper's room."""
-    rows = by_world.get(_ROOM, {}).get(LEAD)
+def _clearance(
+    paper: Paper, by_world: Mapping[str, Mapping[str, list[Row]]]
+) -> dict[str, Any] | None:
+    """Measure and draw the clearance of the lead planner's drives in the lead paper's room."""
+    rows = [row for row in by_world.get(_ROOM, {}).get(LEAD, ()) if row.get("path_m")]
     if paper.key != _WITH_WEIGHTS or not rows:
-        return ""
+        return None
     charts = importlib.import_module("simloop.benchmarks.papers.drive_charts")
-    text: str = charts.clearance(_ROOM, rows)
-    return text
+    along = charts.clearances(_ROOM, rows)
+    safe_m = PlannerConfig().safe_distance_m
+    return {
+        "picture": charts.clearance(along, safe_m),
+        "least_m": min(float(values[:, 1].min()) for values in along),
+        "safe_m": safe_m,
+    }
 
 
 def _by_world(cells: Sequence[Cell]) -> dict[str, list[Cell]]:

@@ -36,6 +36,8 @@ ABED_RUNS = 10
 """Runs of each method in Abed's worlds; the paper does not state its number."""
 
 _DIGITS = 6
+_FORMAT = 1
+"""Number of the format of a kept part; a part of another format is measured again."""
 
 
 def measure(name: str) -> Part:
@@ -65,13 +67,14 @@ def read(folder: Path) -> dict[str, Part]:
         folder: The benchmark's folder.
 
     Returns:
-        Name -> part. A part of other package versions, or a file that is damaged, is left out.
+        Name -> part, in the order of `PARTS`. A part of another format or of other package
+        versions, or a file that is damaged, is left out.
     """
     found = {}
     for name in PARTS:
         try:
             kept = json.loads(_file(folder, name).read_text(encoding="utf-8"))
-            if kept["versions"] == versions():
+            if (kept["format"], kept["versions"]) == (_FORMAT, versions()):
                 found[name] = kept["part"]
         except (OSError, ValueError, KeyError, TypeError):
             continue
@@ -103,7 +106,7 @@ def measure_missing(
     done = pool.run_all(todo, work, workers, when_lost=_raise_lost, stop=stop)
     with closing(done):
         for name, part in done:
-            text = json.dumps({"versions": versions(), "part": part})
+            text = json.dumps({"format": _FORMAT, "versions": versions(), "part": part})
             write_text(_file(folder, name), text + "\n")
             yield name, part
 

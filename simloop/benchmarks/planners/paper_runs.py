@@ -42,11 +42,13 @@ class Pictures:
         panels: Paths, one panel for each algorithm.
         curves: Algorithm -> (N, 2) evaluations and the median of the best J so far.
         samples: Name of a value -> algorithm -> (n,) the value in each run.
+        note: What to know about the pictures.
     """
 
     panels: list[Panel] = field(default_factory=list)
     curves: dict[str, FloatArray] = field(default_factory=dict)
     samples: dict[str, dict[str, FloatArray]] = field(default_factory=dict)
+    note: str = ""
 
 
 @dataclass(slots=True)

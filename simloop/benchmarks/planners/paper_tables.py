@@ -217,6 +217,10 @@ def abed_tables(runs: int = 3) -> list[PaperTable]:
         three.ours.append((label, gain, "-"))
         if (label, scene) in scenes:
             three.note(gain > 0.0, f"{label}: AVOA against APSO {gain:+.2f} % here.")
+    two.pictures.note = (
+        "Paths of the first seed. The star of the moving goal is its first place. Map 1, on which "
+        "the paper compares with fuzzy-WDO, is not rebuilt."
+    )
     two.differs.append(
         "If a unit is a centimetre, the printed lengths of maps 2 to 4 (33 to 59 cm) are shorter "
         "than the straight line between their ends, (0, 0) to (45, 45): 63.6. The figures of APSO "

@@ -79,6 +79,10 @@ def _performance(found: dict[str, Runs]) -> PaperTable:
     )
     table.pictures.panels = [at.panel("sabiha4", label) for label, at in found.items()]
     table.pictures.curves = {label: at.curve() for label, at in found.items()}
+    table.pictures.note = (
+        "Curves: each planner's own J with its own penalty. The printed TLBO punishes unsafe paths "
+        "less, so its curve begins lower. Once the paths are safe, all mean the same J."
+    )
     iterations = {label: _settling_iterations(at, label) for label, at in found.items()}
     for label, at in found.items():
         table.ours.append(
