@@ -8,9 +8,10 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
 
 from simloop.benchmarks.planners.charts import draw_world
-from simloop.benchmarks.planners.paper_scenes import ONLINE_SCENES, PAPER_SCENES, paper_scene
+from simloop.benchmarks.planners.paper_scenes import PAPER_SCENES, online_scene, paper_scene
 from simloop.benchmarks.planners.scenes import Instance
 from simloop.benchmarks.planners.trials import moving_instance
 from simloop.common.html_images import drawn
@@ -39,11 +40,12 @@ def pictures(table: dict[str, Any]) -> list[str]:
 def _panels(panels: list[dict[str, Any]], most: int = 6) -> str:
     """Draw planned paths, one panel for each algorithm."""
     columns = min(most, len(panels))
-    if len(panels) % 3 == 0 and len(panels) > most:
-        columns = 6
     rows = math.ceil(len(panels) / columns)
     side = 2.3 if len(panels) > 4 else 3.0
-    figure = Figure(figsize=(side * columns, (side + 0.1) * rows), layout="constrained", dpi=_DPI)
+    bounds = [_scene(panel["scene"]).world.bounds_m for panel in panels]
+    tallest = max((y1 - y0) / (x1 - x0) for x0, y0, x1, y1 in bounds)
+    size = (side * columns, (min(1.5, tallest) * side + 0.25) * rows)
+    figure = Figure(figsize=size, layout="constrained", dpi=_DPI)
     axes = figure.subplots(rows, columns, squeeze=False).ravel()
     for axis in axes[len(panels) :]:
         axis.set_axis_off()
@@ -61,11 +63,8 @@ def _panels(panels: list[dict[str, Any]], most: int = 6) -> str:
 
 def _scene(name: str) -> Instance:
     """Find a paper's scene; of a world with motion, its first moment."""
-    from simloop.benchmarks.planners.paper_scenes import online_scene
-
     if name in PAPER_SCENES:
         return paper_scene(name)
-    assert name in ONLINE_SCENES
     return moving_instance(online_scene(name))
 
 
@@ -78,6 +77,9 @@ def _curves(curves: dict[str, Any]) -> str:
             colour = matplotlib.colormaps["tab10"](number % 10)
             axis.plot(*np.array(points).T, color=colour, lw=1.6, label=label)
     axis.set(xscale="log", yscale="log", xlabel="evaluations", ylabel="best J so far, median")
+    for formatter in (axis.yaxis.set_major_formatter, axis.yaxis.set_minor_formatter):
+        formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.tick_params(which="both", labelsize=7)
     axis.grid(alpha=0.25, which="both")
     axis.legend(fontsize=7)
     return drawn(figure, "convergence")

@@ -72,7 +72,7 @@ def wu_tables(runs: int = 30) -> list[PaperTable]:
     table.note(order[-1] == "PSO", f"Longest mean: {order[-1]} here, PSO in print.")
     table.differs.append(
         "Equal iterations are not equal work: TLBO and NIWTLBO take two evaluations an individual "
-        "in each. The tables of the scenes above compare them on equal terms."
+        "in each. `simloop bench planners` compares them on equal terms."
     )
     return [table]
 
