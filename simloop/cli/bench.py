@@ -6,6 +6,7 @@ Each command imports what it needs when it runs, so that ``simloop --help`` is q
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -207,7 +208,11 @@ def bench_papers(
     print_figures.print_figures(Console(), found)
     write_json(json_file, found)
     if found["interrupted"] or measured is None:
-        return INTERRUPTED
+        print(
+            f"interrupted: {found['runs_finished']} of {found['runs']} runs are finished and kept; "
+            "give the same command again to continue"
+        )
+        sys.exit(INTERRUPTED)  # the line above replaces the general message
     if report is not None:
         page.write(report, request, rows, found)
     return 0

@@ -13,8 +13,11 @@ from simloop.campaign.work import TIMING, Row, do_run
 from simloop.loop import Simulation, warm_up
 from simloop.messages import GoalReading
 from simloop.scenario.build import World, build_world
+from simloop.scenario.load import load
 from simloop.scenario.scenario import Scenario
 from simloop.truth import Published, Truth
+
+_ROOM = "experiment"
 
 SPACING_M = 0.05
 """Least distance between two points of a stored path, m."""
@@ -78,7 +81,7 @@ def drive(spec: RunSpec) -> Row:
     """
 
     def observe(scenario: Scenario, world: World) -> Trace:
-        _load_kernels(spec.scenario, spec.planner)
+        _load_kernels(scenario.config.planner.name)
         return Trace()
 
     began = process_time()
@@ -93,8 +96,8 @@ def _append(points: list[tuple[float, float]], position: np.ndarray) -> None:
         points.append((x, y))
 
 
-@lru_cache(maxsize=512)
-def _load_kernels(world: str, planner: str | None) -> None:
-    """Run the beginning of a run and discard it, once for each world and planner in a process."""
-    scenario = RunSpec(world, planner, (), (), 0).load()
+@lru_cache(maxsize=128)
+def _load_kernels(planner: str) -> None:
+    """Run the beginning of a run and discard it, once for each planner in a process."""
+    scenario = load(_ROOM, planner=planner)
     warm_up(scenario, build_world(scenario))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 from simloop.benchmarks.papers.papers import LEAD, PAPERS
@@ -21,8 +22,13 @@ EVERY = "planners"
 WORLDS = ("experiment", "clutter", "trap", "moving_goal")
 """The worlds of that group."""
 
-FEW = 5
-"""Number of seeds of a planner that needs several seconds for a run."""
+COST_S: Mapping[str, float] = MappingProxyType({"bit_star": 100.0, "visibility": 25.0})
+"""Processor time of a run of each planner that needs more than a few seconds, s."""
+
+CELL_S = 60.0
+"""Processor time that an entry may need, s: dear planners get fewer seeds, but `FEWEST` or more."""
+
+FEWEST = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +57,7 @@ def default_entries() -> tuple[Entry, ...]:
         Every planner of the registry in `WORLDS`, then each paper's methods in its worlds.
     """
     entries = [
-        Entry(EVERY, world, name, most=FEW if registry.info(name).slow else None)
+        Entry(EVERY, world, name, most=affordable(name))
         for world in WORLDS
         for name in registry.available()
     ]
@@ -59,8 +65,24 @@ def default_entries() -> tuple[Entry, ...]:
         for drive in paper.drives:
             roles = {drive.own: "own"} | dict.fromkeys(drive.rivals, "rival")
             roles.setdefault(LEAD, "lead")
-            entries += [Entry(paper.key, drive.world, name, role) for name, role in roles.items()]
+            entries += [
+                Entry(paper.key, drive.world, name, role, affordable(name))
+                for name, role in roles.items()
+            ]
     return tuple(entries)
+
+
+def affordable(planner: str) -> int | None:
+    """Compute how many seeds of a planner an entry can afford.
+
+    Args:
+        planner: Name of the planner.
+
+    Returns:
+        The largest number of seeds; None for no limit.
+    """
+    cost_s = COST_S.get(planner)
+    return None if cost_s is None else max(FEWEST, int(CELL_S / cost_s))
 
 
 @dataclass(frozen=True, slots=True)
