@@ -22,11 +22,39 @@ EVERY = "planners"
 WORLDS = ("experiment", "clutter", "trap", "moving_goal")
 """The worlds of that group."""
 
-COST_S: Mapping[str, float] = MappingProxyType({"bit_star": 100.0, "visibility": 25.0})
-"""Processor time of a run of each planner that needs more than a few seconds, s."""
+COST_S: Mapping[str, float] = MappingProxyType(
+    {
+        "exact": 5.0,
+        "avoa_online": 5.0,
+        "apso_online": 5.0,
+        "fuzzy_wdo": 6.0,
+        "informed_rrt_star": 6.0,
+        "cma": 20.0,
+        "visibility": 25.0,
+        "bit_star": 100.0,
+    }
+)
+"""Processor time of a run in `WORLDS`, s, of each planner that needs more than 3 s."""
+
+PAPER_COST_S: Mapping[str, float] = MappingProxyType(
+    {
+        "potential_field": 6.0,
+        "ga_apf": 10.0,
+        "avoa_online": 20.0,
+        "apso_online": 20.0,
+        "fuzzy_wdo": 20.0,
+    }
+)
+"""The same in the papers' worlds, which are larger, and where a planner that fails costs most."""
+
+SHORT: Mapping[str, float] = MappingProxyType(
+    {"paper_abed_moving": 5.0, "paper_abed_moving_goal": 5.0}
+)
+"""Papers' worlds in which all these planners arrive soon -> processor time of a run, s."""
 
 CELL_S = 60.0
-"""Processor time that an entry may need, s: dear planners get fewer seeds, but `FEWEST` or more."""
+"""Processor time that an entry may need, s. Its planner gets fewer seeds otherwise, but at least
+`FEWEST`."""
 
 FEWEST = 2
 
@@ -57,7 +85,7 @@ def default_entries() -> tuple[Entry, ...]:
         Every planner of the registry in `WORLDS`, then each paper's methods in its worlds.
     """
     entries = [
-        Entry(EVERY, world, name, most=affordable(name))
+        Entry(EVERY, world, name, most=affordable(COST_S.get(name)))
         for world in WORLDS
         for name in registry.available()
     ]
@@ -65,23 +93,23 @@ def default_entries() -> tuple[Entry, ...]:
         for drive in paper.drives:
             roles = {drive.own: "own"} | dict.fromkeys(drive.rivals, "rival")
             roles.setdefault(LEAD, "lead")
-            entries += [
-                Entry(paper.key, drive.world, name, role, affordable(name))
-                for name, role in roles.items()
-            ]
+            for name, role in roles.items():
+                cost_s = PAPER_COST_S.get(name)
+                if cost_s is not None:
+                    cost_s = SHORT.get(drive.world, cost_s)
+                entries.append(Entry(paper.key, drive.world, name, role, affordable(cost_s)))
     return tuple(entries)
 
 
-def affordable(planner: str) -> int | None:
-    """Compute how many seeds of a planner an entry can afford.
+def affordable(cost_s: float | None) -> int | None:
+    """Compute how many seeds an entry can afford.
 
     Args:
-        planner: Name of the planner.
+        cost_s: Processor time of a run, s; None if it is short.
 
     Returns:
         The largest number of seeds; None for no limit.
     """
-    cost_s = COST_S.get(planner)
     return None if cost_s is None else max(FEWEST, int(CELL_S / cost_s))
 
 
