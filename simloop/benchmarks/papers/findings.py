@@ -98,7 +98,9 @@ def _shortest(drive: Drive, cells: Mapping[tuple[str, str], Cell]) -> Checked:
         return None
     order = sorted(paths, key=paths.__getitem__)
     shown = ", ".join(f"{name} {paths[name]:.2f} m" for name in order)
-    return order[0] == drive.own, f"mean driven length in order: {shown}."
+    longer = 100.0 * (paths[drive.own] / paths[order[0]] - 1.0)
+    behind = f" {drive.own} is {longer:.1f} % longer than the shortest." if longer > 0.0 else ""
+    return order[0] == drive.own, f"mean driven length in order: {shown}.{behind}"
 
 
 def _pace(drive: Drive, cells: Mapping[tuple[str, str], Cell]) -> Checked:
