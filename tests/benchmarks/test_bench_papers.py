@@ -312,7 +312,7 @@ def test_figures_without_times_are_those_of_any_machine():
 def test_dear_planners_get_fewer_seeds_and_cheap_ones_all():
     most = {(one.world, one.planner): one.most for one in default_entries()}
     assert most["experiment", "tlbo"] is None and most["paper_abed_maze", "tlbo"] is None
-    assert most["experiment", "exact"] == 12
+    assert most["experiment", "exact"] == 9
     assert all(limit is None or limit >= entries.FEWEST for limit in most.values())
     known = set(registry.available())
     assert set(entries.COST_S) <= known and set(entries.PAPER_COST_S) <= known

@@ -40,9 +40,9 @@ PAPER_COST_S: Mapping[str, float] = MappingProxyType(
     {
         "potential_field": 6.0,
         "ga_apf": 10.0,
-        "avoa_online": 20.0,
-        "apso_online": 20.0,
-        "fuzzy_wdo": 20.0,
+        "avoa_online": 15.0,
+        "apso_online": 15.0,
+        "fuzzy_wdo": 15.0,
     }
 )
 """The same in the papers' worlds, which are larger, and where a planner that fails costs most."""
@@ -52,11 +52,11 @@ SHORT: Mapping[str, float] = MappingProxyType(
 )
 """Papers' worlds in which all these planners arrive soon -> processor time of a run, s."""
 
-CELL_S = 60.0
+CELL_S = 45.0
 """Processor time that an entry may need, s. Its planner gets fewer seeds otherwise, but at least
 `FEWEST`."""
 
-FEWEST = 2
+FEWEST = 1
 
 
 @dataclass(frozen=True, slots=True)
