@@ -14,12 +14,42 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any
+from typing import IO, Any, Protocol
 
-from simloop.campaign.spec import Request, RunSpec
+from simloop.campaign.spec import RunSpec
 from simloop.campaign.work import Row
 from simloop.common.errors import InputError
 from simloop.common.files import check_directory, write_bytes, write_text
+
+
+class Asked(Protocol):
+    """What a journal needs to know of a request.
+
+    Attributes:
+        condition: What a request must have in common with a saved one, for an error message.
+    """
+
+    @property
+    def condition(self) -> str: ...
+
+    def to_table(self) -> dict[str, Any]:
+        """Convert the request for JSON.
+
+        Returns:
+            Its values by name, among them ``scenarios`` and ``seeds``.
+        """
+        ...
+
+    def extends(self, other: dict[str, Any]) -> bool:
+        """Tell whether the runs of a saved request can be used for this one.
+
+        Args:
+            other: The saved request, in the form of ``to_table``.
+
+        Returns:
+            True if they can.
+        """
+        ...
 
 
 class Journal:
@@ -29,7 +59,7 @@ class Journal:
         rows: The row of each finished run, by ``RunSpec.key``.
     """
 
-    def __init__(self, folder: Path, request: Request) -> None:
+    def __init__(self, folder: Path, request: Asked) -> None:
         """Prepare a journal. Nothing is read or written before the context is entered.
 
         Args:
@@ -135,7 +165,7 @@ class Journal:
         if not self._request.extends(before):
             raise InputError(
                 f"{self._folder}: holds another campaign ({', '.join(before['scenarios'])}, seeds "
-                f"{seeds[0]}:{seeds[1]}); only the seeds may differ, so give another --out"
+                f"{seeds[0]}:{seeds[1]}); {self._request.condition}, so give another --out"
             )
 
 

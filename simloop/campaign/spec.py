@@ -122,6 +122,11 @@ class Request:
         for spec in first_of_each_cell(self.runs()):
             spec.load()
 
+    @property
+    def condition(self) -> str:
+        """What may differ from a saved request, for an error message."""
+        return "only the seeds may differ"
+
     def extends(self, other: dict[str, Any]) -> bool:
         """Tell whether this request differs from a saved one only in its seeds.
 

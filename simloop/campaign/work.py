@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import gc
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, Protocol
 
 from simloop.campaign.spec import RunSpec
 from simloop.common.errors import InputError
 from simloop.evaluation.referee import Outcome
 from simloop.loop import Simulation
 from simloop.scenario.build import World, build_world
+from simloop.scenario.scenario import Scenario
+from simloop.truth import Published
 
 Row = dict[str, Any]
 """The figures of one run, by column name."""
@@ -29,21 +32,49 @@ TIMING = ("wall_time_s", "real_time_factor", "plan_ms_p50", "plan_ms_p99")
 """The columns that depend on the machine's speed. All others are the same on every machine."""
 
 
-def do_run(spec: RunSpec) -> Row:
+class Observer(Protocol):
+    """Follows one run and adds columns of its own to the run's row."""
+
+    def offer(self, message: Published) -> None:
+        """Receive a message of the run.
+
+        Args:
+            message: The message; it is read-only.
+        """
+        ...
+
+    def columns(self, simulation: Simulation) -> Row:
+        """Make the additional columns after the run.
+
+        Args:
+            simulation: The finished run.
+
+        Returns:
+            The columns, with values that JSON can hold.
+        """
+        ...
+
+
+def do_run(spec: RunSpec, observe: Callable[[Scenario, World], Observer] | None = None) -> Row:
     """Simulate one run.
 
     Args:
         spec: The run.
+        observe: Makes the observer of the run, just before the run is built. None: no observer.
 
     Returns:
-        The run's row: the columns of ``row_of`` and every single-valued metric. A run that fails
-        with an exception gets the outcome ``error`` and the exception's text, so that the
-        campaign's other runs continue.
+        The run's row: the columns of ``row_of``, every single-valued metric, and the columns of
+        the observer. A run that fails with an exception gets the outcome ``error`` and the
+        exception's text, so that the campaign's other runs continue.
     """
     try:
         scenario = spec.load()
-        world = _shared_world(replace(spec, seed=0)) if not scenario.drawn else None
-        metrics = Simulation(scenario, world=world).run().metrics
+        world = build_world(scenario) if scenario.drawn else _shared_world(replace(spec, seed=0))
+        observer = observe(scenario, world) if observe is not None else None
+        listeners = [observer.offer] if observer is not None else []
+        simulation = Simulation(scenario, listeners, world=world)
+        metrics = simulation.run().metrics
+        observed = observer.columns(simulation) if observer is not None else {}
     except InputError as error:
         return row_of(spec, ERROR, error=str(error))
     except Exception as error:
@@ -54,7 +85,7 @@ def do_run(spec: RunSpec) -> Row:
     for key, value in metrics.items():
         if isinstance(value, str | int | float | bool | None):
             row.setdefault(key, value)
-    return row
+    return row | observed
 
 
 def row_of(spec: RunSpec, outcome: str, error: str = "") -> Row:

@@ -5,6 +5,8 @@ Each command imports what it needs when it runs, so that ``simloop --help`` is q
 
 from __future__ import annotations
 
+import os
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -45,6 +47,20 @@ Workers = Annotated[
 Report = Annotated[
     Path | None,
     typer.Option(metavar="DIR", help="Write an HTML page with charts into this directory."),
+]
+Out = Annotated[
+    Path, typer.Option(metavar="DIR", help="Directory of the finished runs, to continue from.")
+]
+Only = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME",
+        help="Papers, worlds and planners; repeatable or with commas. Default: all.",
+    ),
+]
+Dask = Annotated[
+    str | None,
+    typer.Option(metavar="ADDRESS", help="Run on the Dask cluster with this scheduler instead."),
 ]
 
 bench_app = typer.Typer(
@@ -140,6 +156,66 @@ def bench_planners(
     if report is not None and not result.interrupted:
         page.write(report, result, figures)
     return INTERRUPTED if result.interrupted else 0
+
+
+@bench_app.command("papers")
+def bench_papers(
+    json_file: JsonFile = None,
+    report: Report = None,
+    out: Out = Path("runs/papers"),
+    seeds: Annotated[str, typer.Option(metavar="A:B", help="The seeds from A to B-1.")] = "0:20",
+    only: Only = None,
+    workers: Workers = 0,
+    dask: Dask = None,
+    tables: Annotated[bool, typer.Option(help="Measure the papers' tables too.")] = True,
+) -> int:
+    """Drive with every planner, and with each paper's method in its own worlds.
+
+    If the benchmark is stopped or killed, give the same command again: it continues where it
+    stopped. The papers' tables are measured after the drives.
+    \f
+
+    Args:
+        json_file: File for the figures as JSON.
+        report: The directory of the HTML page.
+        out: The directory of the finished runs.
+        seeds: The range of the seeds.
+        only: Names of papers, worlds and planners.
+        workers: The number of processes. 0: the number of cores.
+        dask: The address of a Dask scheduler whose workers are used instead.
+        tables: Whether the papers' tables are measured.
+
+    Returns:
+        The exit code.
+    """
+    check_json(json_file)
+    from simloop.benchmarks.papers import entries, figures, page, print_figures
+    from simloop.benchmarks.planners import bench
+    from simloop.campaign.spec import parse_seeds
+    from simloop.cli.papers import do_papers
+
+    installed = bench.available_planners()
+    table = entries.default_entries()
+    missing = [name for name in dict.fromkeys(e.planner for e in table) if name not in installed]
+    request = entries.Drives(
+        entries.with_libraries(table, installed), parse_seeds(seeds), bench.names(only)
+    )
+    request.check()
+    if report is not None:
+        page.check(report)
+    rows, measured = do_papers(request, out, workers or os.cpu_count() or 1, dask, tables)
+    found = figures.figures_of(request, rows, measured or {}, missing)
+    print_figures.print_figures(Console(), found)
+    write_json(json_file, found)
+    if found["interrupted"] or measured is None:
+        print(
+            f"interrupted: {found['runs_finished']} of {found['runs']} runs are finished and kept; "
+            "give the same command again to continue"
+        )
+        sys.exit(INTERRUPTED)  # the line above replaces the general message
+    if report is not None:
+        page.write(report, request, rows, found)
+    return 0
 
 
 @bench_app.command("weights")

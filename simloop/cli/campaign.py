@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,16 +12,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from simloop.cli.common import INTERRUPTED, JsonFile, Overrides, check_json, stop_asked, write_json
+from simloop.cli.common import INTERRUPTED, JsonFile, Overrides, check_json, write_json
 from simloop.common.errors import InputError
 
 if TYPE_CHECKING:
-    from simloop.campaign.journal import Journal
     from simloop.campaign.spec import Request, RunSpec
     from simloop.campaign.summary import CellSummary
     from simloop.campaign.thresholds import Threshold, Verdict
     from simloop.campaign.work import Row
-    from simloop.common import pool
 
 Scenarios = Annotated[
     list[str] | None,
@@ -153,13 +150,14 @@ def _campaign(
 ) -> int:
     from simloop.campaign.journal import Journal
     from simloop.campaign.thresholds import parse
+    from simloop.cli.runs import do_missing
 
     thresholds = [parse(text) for text in required]
     request.check()
     outputs.check()
     specs = request.runs()
     with Journal(outputs.folder, request) as journal:
-        stopped = _run(journal, specs, workers, dask)
+        stopped = do_missing(journal, specs, workers, dask)
         runs = [(spec, journal.rows[spec.key]) for spec in specs if spec.key in journal.rows]
         verdicts = _write_results(outputs, runs, thresholds) if runs else []
     if stopped:
@@ -177,71 +175,6 @@ def _absolute(scenario: str) -> str:
     """Make the path of a scenario file absolute for workers elsewhere; a name stays unchanged."""
     path = Path(scenario)
     return str(path.resolve()) if path.suffix else scenario
-
-
-def _run(journal: Journal, specs: Sequence[RunSpec], workers: int, dask: str | None) -> bool:
-    """Do the runs that the journal lacks; return whether they were stopped before the end."""
-    from simloop.campaign import execute
-
-    missing = journal.missing(specs)
-    if not missing:
-        return False
-    bar = _bar(len(specs), len(missing))
-    with (
-        _workers(workers, dask) as where,
-        bar as show,
-        stop_asked() as stop,
-        closing(execute.run_all(missing, where, stop)) as finished,
-    ):
-        for spec, row in finished:
-            journal.add(spec, row)
-            show(row)
-    return bool(journal.missing(specs))
-
-
-@contextmanager
-def _workers(count: int, dask: str | None) -> Iterator[pool.Workers]:
-    """Start this number of local processes, or connect to the workers of a Dask cluster."""
-    from simloop.campaign.execute import dask_cluster
-    from simloop.common.pool import local_workers
-
-    if dask is not None:
-        with dask_cluster(dask) as cluster:
-            yield cluster
-    else:
-        yield local_workers(count)
-
-
-@contextmanager
-def _bar(total: int, missing: int) -> Iterator[Callable[[Row], None]]:
-    """Show the number of finished runs, the number of failed runs, and the time left."""
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeRemainingColumn,
-    )
-
-    console, failed = Console(stderr=True), 0
-    columns = (
-        TextColumn("runs"),
-        BarColumn(bar_width=32),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[failed]} failed"),
-        TimeRemainingColumn(),
-    )
-    with Progress(
-        *columns, console=console, transient=True, disable=not console.is_terminal
-    ) as bar:
-        task = bar.add_task("", total=total, completed=total - missing, failed=0)
-
-        def show(row: Row) -> None:
-            nonlocal failed
-            failed += not row["success"]
-            bar.update(task, advance=1, failed=failed)
-
-        yield show
 
 
 def _write_results(

@@ -43,7 +43,7 @@ def paths(result: Result, scene: str, columns: int = 6) -> str:
     for axis in axes[len(names) :]:
         axis.set_axis_off()
     for axis, name in zip(axes, names, strict=False):
-        _draw_world(axis, one)
+        draw_world(axis, one)
         mine = [trial for trial in result.trials_of(scene, name) if trial.instance == one.name]
         for trial in mine[:_MOST_PATHS]:
             good = trial.verdict.success
@@ -55,8 +55,13 @@ def paths(result: Result, scene: str, columns: int = 6) -> str:
     return drawn(figure, "paths")
 
 
-def _draw_world(axis: Any, one: Instance) -> None:
-    """Draw the obstacles, and the safe distance around discs."""
+def draw_world(axis: Any, one: Instance) -> None:
+    """Draw the obstacles of a task, and the safe distance around discs.
+
+    Args:
+        axis: A matplotlib axis.
+        one: The task.
+    """
     world = one.world
     for x, y, r in world.discs_xyr_m:
         axis.add_patch(Circle((x, y), r + one.safe_m, fc="none", ec=_SOLID, lw=0.4))

@@ -11,12 +11,18 @@ from collections.abc import Callable
 
 import numpy as np
 
-from simloop.benchmarks.planners.paper_runs import PaperTable, Runs, min_max_mean_std, run_many
+from simloop.benchmarks.planners.paper_runs import (
+    Panel,
+    PaperTable,
+    Runs,
+    min_max_mean_std,
+    run_many,
+)
 from simloop.benchmarks.planners.paper_scenes import online_scene, paper_scene
 from simloop.benchmarks.planners.sabiha_tables import sabiha_tables
 from simloop.benchmarks.planners.trials import prepare
 from simloop.config import PlannerConfig
-from simloop.planners.reactive.online import simulate
+from simloop.planners.reactive.online import Trajectory, simulate
 
 
 def wu_tables(runs: int = 30) -> list[PaperTable]:
@@ -57,6 +63,8 @@ def wu_tables(runs: int = 30) -> list[PaperTable]:
         )  # fmt: skip
         at = run_many("wu180", config, runs)
         table.ours.append((label, *min_max_mean_std(at.length), 100.0 * at.success))
+        table.pictures.panels.append(at.panel("wu180", label))
+        table.pictures.curves[label] = at.curve()
         means[label], stds[label] = float(at.length.mean()), float(at.length.std())
     order = sorted(means, key=means.__getitem__)
     table.note_least("mean length", means, "NIWTLBO")
@@ -64,7 +72,7 @@ def wu_tables(runs: int = 30) -> list[PaperTable]:
     table.note(order[-1] == "PSO", f"Longest mean: {order[-1]} here, PSO in print.")
     table.differs.append(
         "Equal iterations are not equal work: TLBO and NIWTLBO take two evaluations an individual "
-        "in each. The tables of the scenes above compare them on equal terms."
+        "in each. `simloop bench planners` compares them on equal terms."
     )
     return [table]
 
@@ -93,6 +101,7 @@ def _mohamed_maps() -> PaperTable:
     scenes = (("50 obstacles", "abed50", 5), ("150 obstacles", "abed150", 5))
     for label, scene, runs in (*scenes, ("20 x 60", "strip20x60", 10)):
         at = _plan(scene, "ga_apf", runs)
+        one.pictures.panels.append(at.panel(scene, label))
         least, most = float(at.length.min()), float(at.length.max())
         one.ours.append(
             (label, runs, int(at.generations.max()), int(at.generations.min()),
@@ -123,6 +132,10 @@ def _mohamed_against_swarm() -> PaperTable:
         (("improved PSO", 60, 62.503), ("GA and potential field", 60, 61.806)),
     )
     field, swarm = _plan("strip20x60", "ga_apf", 10), _plan("strip20x60", "pso", 10)
+    two.pictures.panels = [
+        swarm.panel("strip20x60", "PSO"),
+        field.panel("strip20x60", "GA and potential field"),
+    ]
     two.ours = [
         ("PSO (global best)", 60, float(swarm.length.mean())),
         ("GA and potential field", 60, float(field.length.mean())),
@@ -188,14 +201,26 @@ def abed_tables(runs: int = 3) -> list[PaperTable]:
         length, success = {}, 1.0
         for name in ("apso_online", "avoa_online", "fuzzy_wdo"):
             done = [_run_online(scene, name, seed) for seed in range(runs)]
-            length[name] = float(np.mean([length_m for length_m, _ in done]))
+            length[name] = float(np.mean([run.length_m for run in done]))
             if name == "avoa_online":
-                success = float(np.mean([arrived for _, arrived in done]))
+                success = float(np.mean([run.success for run in done]))
+            two.pictures.panels.append(
+                Panel(
+                    scene,
+                    f"{label}: {name}",
+                    [run.points_m for run in done[:1]],
+                    [run.success for run in done[:1]],
+                )
+            )
         two.ours.append((label, *length.values(), 100.0 * success))
         gain = 100.0 * (1.0 - length["avoa_online"] / length["apso_online"])
         three.ours.append((label, gain, "-"))
         if (label, scene) in scenes:
             three.note(gain > 0.0, f"{label}: AVOA against APSO {gain:+.2f} % here.")
+    two.pictures.note = (
+        "Paths of the first seed. The star of the moving goal is its first place. Map 1, on which "
+        "the paper compares with fuzzy-WDO, is not rebuilt."
+    )
     two.differs.append(
         "If a unit is a centimetre, the printed lengths of maps 2 to 4 (33 to 59 cm) are shorter "
         "than the straight line between their ends, (0, 0) to (45, 45): 63.6. The figures of APSO "
@@ -207,11 +232,10 @@ def abed_tables(runs: int = 3) -> list[PaperTable]:
     return [two, three]
 
 
-def _run_online(scene: str, name: str, seed: int) -> tuple[float, bool]:
-    """Simulate a run in a world known only by sensing; return its length, m, and success."""
+def _run_online(scene: str, name: str, seed: int) -> Trajectory:
+    """Simulate a run in a world known only by sensing."""
     steering = prepare(PlannerConfig(name=name)).steering()  # type: ignore[attr-defined]
-    done = simulate(online_scene(scene), steering, np.random.default_rng(seed))
-    return done.length_m, done.success
+    return simulate(online_scene(scene), steering, np.random.default_rng(seed))
 
 
 TABLES: tuple[Callable[[], list[PaperTable]], ...] = (

@@ -1,0 +1,1 @@
+"""``simloop bench papers``: the vehicle drives with every planner, and in every paper's worlds."""
