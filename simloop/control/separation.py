@@ -20,6 +20,7 @@ from simloop.messages import FloatArray, MoverTracks
 _STEP_S = 0.05  # of the prediction while the robot brakes
 _LOOK_S = 0.1  # of the prediction of encounters
 _PARTS = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1)
+_SLOW_MPS = 0.25  # from this speed the robot stands within 0.4 s
 _AWAY = -0.5  # cosine of a mover's course to where the robot is, below which it goes away
 _STOOD_NS = 50_000_000  # a robot that was told to stand for so long does stand
 
@@ -83,7 +84,8 @@ def stays_clear(
 
     Returns:
         True if each mover keeps the margin until the robot stands. What is too near already must
-        not come nearer; if it is coming, only standing is safe.
+        not come nearer; if it is coming, only standing is safe. Faster than 0.25 m/s, nothing may
+        be so near that it could reach the robot by turning round.
     """
     reaction, brake, yaw_brake, margin = limits[0], limits[1], limits[2], limits[5]
     half = limits[3:5]
@@ -105,9 +107,11 @@ def stays_clear(
             growth = movers[k, 5] * t
             if gap < (min(growth, first) - 1e-6 if calm else growth):
                 return False
-            # It may turn round at once: as far from where it is now as it can come by then.
+            # It may turn round at once: as far from where it is now as it can come by then. A slow
+            # robot may pass nearer than that, if it comes no nearer than it is.
             gap = gap_after(pose, ahead, turned, 0.0, movers[k], half)
-            if gap < min(movers[k, 6] * t, first):
+            reach = movers[k, 6] * t
+            if gap < (reach if abs(speed) > _SLOW_MPS else min(reach, first)):
                 return False
     return True
 

@@ -124,6 +124,13 @@ def test_next_to_the_robot_only_what_goes_away_or_stands_lets_it_drive():
     assert not clear(0.0, 0.3, -0.2)
 
 
+def test_only_a_slow_robot_passes_what_could_turn_round_and_reach_it():
+    # Beside it, 20 cm off and going away: at speed it would not stand in time if that turned round.
+    mover = mover_discs(tracks_of((0.1, 0.62, 0.0, 0.4, 0.2)), 0, SeparationConfig())
+    clear = [stays_clear(np.zeros(3), v, 0.0, mover, LIMITS) for v in (0.2, 0.45)]
+    assert clear == [True, False]
+
+
 ACCELERATIONS = np.array([DRIVE.max_accel_mps2, DRIVE.max_yaw_accel_radps2])
 
 
