@@ -2,8 +2,12 @@
 
 MuJoCo's Python bindings cost as much per physics step as the step itself. A compiled loop needs
 only addresses: of ``mj_step``, of the model and the state, and of the contacts within the state.
-The offsets follow from the struct descriptions that MuJoCo ships (`mujoco.introspect`). They are
-compared with what the bindings say of a ball on a plane before any plant relies on them.
+The offsets follow from the struct descriptions that MuJoCo ships (`mujoco.introspect`). Before any
+plant relies on them, they are compared with the addresses and values that the bindings show of a
+ball on a plane.
+
+One thing differs from the bindings: they turn a fatal error inside MuJoCo (such as too little
+memory for its solver) into an exception, while here it ends the process.
 """
 
 from __future__ import annotations
@@ -95,7 +99,10 @@ def _step_address() -> int:
     """Return the address of ``mj_step`` in the library that the bindings use."""
     folder = Path(mujoco.__file__).parent
     path = next(path for pattern in _LIBRARIES for path in sorted(folder.glob(pattern)))
-    address = ctypes.cast(ctypes.CDLL(str(path)).mj_step, ctypes.c_void_p).value
+    library = ctypes.CDLL(str(path))
+    if library.mj_version() != mujoco.mj_version():
+        raise OSError(f"{path}: not the version that the bindings use")
+    address = ctypes.cast(library.mj_step, ctypes.c_void_p).value
     assert address is not None
     return address
 
@@ -109,12 +116,14 @@ def find_engine(model: mujoco.MjModel, data: mujoco.MjData) -> Engine | None:
 
     Returns:
         The addresses; None where they cannot be trusted, because MuJoCo's description of its
-        structs is missing a type, its library is not found, or the bindings say otherwise.
+        structs is missing a type, its library is not found or of another version, or the bindings
+        say otherwise.
     """
     return _engine(model, data) if _is_trusted() else None
 
 
 def _engine(model: mujoco.MjModel, data: mujoco.MjData) -> Engine:
+    """Compute the addresses, right or wrong."""
     state, contact, at = _struct("mjData"), _struct("mjContact"), data._address
     in_state = [getattr(state, name).offset for name in ("ncon", "contact", "nefc", "efc_force")]
     in_contact = [getattr(contact, n).offset for n in ("pos", "frame", "geom", "efc_address")]
@@ -137,6 +146,8 @@ def _is_trusted() -> bool:
     rows = ctypes.c_int.from_address(engine.row_count).value
     if not data.ncon or (count, rows) != (data.ncon, data.nefc):
         return False
+    if not _leads_to(engine, data):  # nothing is read through a pointer that may be wrong
+        return False
     mine: tuple[Any, ...] = contacts_of(engine)
     theirs: tuple[Any, ...] = contact_arrays(data)
     if not all(np.array_equal(a, b) for a, b in zip(mine, theirs, strict=True)):
@@ -144,6 +155,17 @@ def _is_trusted() -> bool:
     step_engine(engine)
     mujoco.mj_step(model, twin)
     return bool(data.time == twin.time > 0.0 and np.array_equal(data.qpos, twin.qpos))
+
+
+def _leads_to(engine: Engine, data: mujoco.MjData) -> bool:
+    """Whether the arrays of contacts and forces lie where the bindings have them."""
+    first = ctypes.c_size_t.from_address(engine.contacts).value
+    forces = ctypes.c_size_t.from_address(engine.forces).value
+    theirs = contact_arrays(data)
+    offsets = (engine.geom, engine.pos, engine.frame, engine.row)
+    found = [first + offset for offset in offsets] + [forces]
+    strides = {array.strides[0] for array in theirs[:-1]}
+    return found == [array.ctypes.data for array in theirs] and strides == {engine.size}
 
 
 def contact_arrays(data: mujoco.MjData) -> ContactArrays:
@@ -185,7 +207,7 @@ def _call(typing_context: Any, function: Any, first: Any, second: Any) -> Any:
 
 @njit(cache=True)
 def step_engine(engine: Engine) -> None:
-    """Do one ``mj_step``.
+    """Do one ``mj_step``. A fatal error inside MuJoCo ends the process.
 
     Args:
         engine: The addresses.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -64,18 +66,40 @@ def test_it_reads_the_contacts_that_the_bindings_show():
     assert len(engine.contacts_of(found).row) == 0
 
 
+@pytest.fixture
+def nothing_known():
+    """The checks of the addresses are made anew, here and after the test."""
+    cached = (engine._struct, engine._is_trusted)
+    for one in cached:
+        one.cache_clear()
+    yield
+    for one in cached:
+        one.cache_clear()
+
+
 @pytest.mark.parametrize("missing", ["mjData", "mjContact"])
-def test_where_a_struct_is_not_described_the_bindings_step(monkeypatch, missing):
+def test_where_a_struct_is_not_described_the_bindings_step(monkeypatch, nothing_known, missing):
     kept = {name: struct for name, struct in engine.STRUCTS.items() if name != missing}
     monkeypatch.setattr(engine, "STRUCTS", kept)
-    for cached in (engine._struct, engine._is_trusted):
-        cached.cache_clear()
-    try:
-        fast, plain = pair_of()
-        assert engine.find_engine(fast.model, fast.data) is None
-        fast.step(np.full(2, 6.0))
-        plain.step(np.full(2, 6.0))
-        assert same(fast, plain)
-    finally:
-        for cached in (engine._struct, engine._is_trusted):
-            cached.cache_clear()
+    fast, plain = pair_of()
+    assert engine.find_engine(fast.model, fast.data) is None
+    fast.step(np.full(2, 6.0))
+    plain.step(np.full(2, 6.0))
+    assert same(fast, plain)
+
+
+@pytest.mark.parametrize("field", ["contact", "efc_force"])
+def test_an_address_that_is_not_that_of_the_bindings_is_refused(monkeypatch, nothing_known, field):
+    """As with another MuJoCo than the one described: here two pointers have changed places."""
+    fields = list(engine.STRUCTS["mjData"].fields)
+    places = {one.name: k for k, one in enumerate(fields)}
+    a, b = places[field], places["efc_aref"]
+    fields[a], fields[b] = fields[b], fields[a]
+    described = {**engine.STRUCTS, "mjData": replace(engine.STRUCTS["mjData"], fields=fields)}
+    monkeypatch.setattr(engine, "STRUCTS", described)
+    assert not engine._is_trusted()
+
+
+def test_a_library_of_another_version_is_refused(monkeypatch, nothing_known):
+    monkeypatch.setattr(engine.mujoco, "mj_version", lambda: 1)
+    assert not engine._is_trusted()
