@@ -123,7 +123,7 @@ class VelocityArbiter:
         self._fan = np.array([(v, w) for v in speeds for w in rates if v or w])
         self._top_mps = drive.max_speed_mps
         self._way_out, self._way_out_until_ns = STILL, 0
-        self._evasion, self._evasion_until_ns = STILL, 0
+        self._evasion, self._evasion_until_ns = STILL, -_NO_BETTER_NS  # none so far
         self._movers_hinder = False
 
     def choose(self, asked: Velocity, last: Velocity, now: Situation) -> tuple[Velocity, Mode]:

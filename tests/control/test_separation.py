@@ -222,6 +222,12 @@ def test_an_evasion_goes_on_where_nothing_better_is_found():
     assert not all(dodges for dodges, _ in modes)
 
 
+def test_at_the_start_there_is_no_evasion_that_could_go_on():
+    ring = [(0.75 * math.cos(a), 0.75 * math.sin(a)) for a in np.arange(0.0, 6.3, 0.7)]
+    hemmed_in = tracks_of(*((x, y, -0.4 * x, -0.4 * y, 0.1) for x, y in ring))
+    assert choose(Velocity(0.4, 0.0), hemmed_in)[1] is not Mode.DODGE
+
+
 def test_a_goal_is_met_where_it_will_be():
     pursuit, pose = MovingGoal(np.array([2.0, 0.0])), np.zeros(3)
     view = view_of(np.full((80, 80), 9.0, np.float32))
