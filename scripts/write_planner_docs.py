@@ -19,7 +19,7 @@ from typing import Any
 
 from simloop.benchmarks.papers.entries import EVERY, WORLDS
 from simloop.benchmarks.papers.page import figure
-from simloop.benchmarks.papers.papers import PAPERS
+from simloop.benchmarks.papers.papers import LEAD, PAPERS
 from simloop.benchmarks.planners.bench_figures import rank
 from simloop.benchmarks.planners.weights import PRINTED
 from simloop.common.errors import InputError
@@ -28,7 +28,7 @@ from simloop.common.files import write_text
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 Figures = dict[str, Any]
 
-_LEAD, _POOLED = "tlbo", "S1-S4"
+_POOLED = "S1-S4"
 _SCENES = ("S1", "S2", "S3", "S4a", "S4b")
 
 
@@ -213,8 +213,8 @@ def metaheuristics(found: Figures) -> str:
     """
     pooled = found["comparison"].get(_POOLED, {})
     first = found["scenes"][_SCENES[0]]
-    names = [name for name in first if name == _LEAD or name in pooled]
-    names.sort(key=lambda name: (name != _LEAD, rank(first[name])))
+    names = [name for name in first if name == LEAD or name in pooled]
+    names.sort(key=lambda name: (name != LEAD, rank(first[name])))
     rows = []
     for name in names:
         cells = [_gap(found["scenes"].get(scene, {}).get(name)) for scene in _SCENES]
@@ -224,8 +224,8 @@ def metaheuristics(found: Figures) -> str:
             if at
             else ""
         )
-        rows.append([f"**{name}**" if name == _LEAD else name, *cells, last])
-    pairs = f"all: median difference from {_LEAD}, %; pairs won by {_LEAD} / lost; p (Holm)"
+        rows.append([f"**{name}**" if name == LEAD else name, *cells, last])
+    pairs = f"all: median difference from {LEAD}, %; pairs won by {LEAD} / lost; p (Holm)"
     header = ["gap %, p50 / p95", *_SCENES, pairs]
     return table(header, rows)
 

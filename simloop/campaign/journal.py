@@ -26,7 +26,7 @@ class Asked(Protocol):
     """What a journal needs to know of a request.
 
     Attributes:
-        condition: What a request must have in common with a saved one, for an error message.
+        condition: Why a saved request is refused, for the error message.
     """
 
     @property

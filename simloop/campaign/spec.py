@@ -124,7 +124,7 @@ class Request:
 
     @property
     def condition(self) -> str:
-        """What may differ from a saved request, for an error message."""
+        """Why a saved request is refused, for the error message."""
         return "only the seeds may differ"
 
     def extends(self, other: dict[str, Any]) -> bool:

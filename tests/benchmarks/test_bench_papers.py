@@ -309,7 +309,7 @@ def test_figures_without_times_are_those_of_any_machine():
     assert figures.without_times(quick) == figures.without_times(slow)
 
 
-def test_dear_planners_get_fewer_seeds_and_cheap_ones_all():
+def test_expensive_planners_get_fewer_seeds_and_cheap_ones_all():
     most = {(one.world, one.planner): one.most for one in default_entries()}
     assert most["experiment", "tlbo"] is None and most["paper_abed_maze", "tlbo"] is None
     assert most["experiment", "exact"] == 9

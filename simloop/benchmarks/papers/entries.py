@@ -185,7 +185,7 @@ class Drives:
 
     @property
     def condition(self) -> str:
-        """What must be equal in a saved request, for an error message."""
+        """Why a saved request is refused, for the error message."""
         return "its scenarios or its packages' versions differ"
 
     def to_table(self) -> dict[str, Any]:
