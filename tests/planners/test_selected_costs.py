@@ -76,7 +76,7 @@ def test_the_best_and_the_worst_are_those_of_all_costs(name, keep):
     np.testing.assert_array_equal(out[matter], full[matter])
     assert (out[~matter] > np.maximum(last, bounds[~matter])).all()
     for rows in (slice(None), slice(0, 100), slice(40, 50), slice(149, 151)):
-        assert objective.dearest(x[rows]) == np.argmax(full[rows])
+        assert objective.worst(x[rows]) == np.argmax(full[rows])
 
 
 @pytest.mark.parametrize("name", RULES)

@@ -16,7 +16,6 @@ from numba import njit
 
 from simloop.messages import FloatArray
 from simloop.planners.problem.clearance import Problem
-from simloop.planners.problem.dear_paths import at_most, cost_if_dearer
 from simloop.planners.problem.examined import examined_cost, steepest
 from simloop.planners.problem.objective import (
     evaluate,
@@ -27,6 +26,7 @@ from simloop.planners.problem.objective import (
     surely_above,
 )
 from simloop.planners.problem.windows import Windows, window_minima
+from simloop.planners.problem.worst_path import cost_bound, cost_if_worse
 
 CODINGS = ("box", "crosslines")
 _MOST_ACROSS = 1.0
@@ -251,13 +251,13 @@ def _best_costs(
 
 
 @njit(cache=True)
-def _dearest(
+def _worst(
     p: Problem, coding: Coding, x: FloatArray, lows: Windows, path: FloatArray, stack: FloatArray
 ) -> int:
     """Find the first row of x with the greatest J, in a field without negative values.
 
-    A row is left out if the most that it can cost is less than what another one costs. The longest
-    row comes first, because it is often among the dearest.
+    A row is left out if its upper bound is less than the cost of another one. The longest
+    row comes first, because it is often among the worst.
     """
     n = x.shape[0]
     most = np.empty(n)
@@ -266,14 +266,14 @@ def _dearest(
     first = worst = int(np.argmax(most))
     cost = evaluate(p, path, decode(p, coding, x[worst], path), np.inf, stack)
     for k in range(n):
-        most[k] = -at_most(p, lows, path, decode(p, coding, x[k], path), cost)
+        most[k] = -cost_bound(p, lows, path, decode(p, coding, x[k], path), cost)
     for k in np.argsort(most):
         if -most[k] < cost:
             break
         if k == first:
             continue
         m = decode(p, coding, x[k], path)
-        found = cost_if_dearer(p, lows, path, m, -most[k], cost, stack)
+        found = cost_if_worse(p, lows, path, m, -most[k], cost, stack)
         if found > cost or (found == cost and k < worst):
             worst, cost = k, found
     return worst
@@ -324,8 +324,8 @@ class PathObjective:
         else:
             _best_costs(self.problem, self.coding, x, out, bounds, keep, self._path, self._stack)
 
-    def dearest(self, x: FloatArray) -> int:
-        """Find the vector with the greatest J; see `SelectiveObjective.dearest`.
+    def worst(self, x: FloatArray) -> int:
+        """Find the vector with the greatest J; see `SelectiveObjective.worst`.
 
         Args:
             x: (n, d) vectors.
@@ -340,7 +340,7 @@ class PathObjective:
             costs = np.empty(len(x))
             self.costs(x, costs, np.full(len(x), np.inf))
             return int(np.argmax(costs))
-        return int(_dearest(self.problem, self.coding, x, self._windows, self._path, self._stack))
+        return int(_worst(self.problem, self.coding, x, self._windows, self._path, self._stack))
 
     def path(self, x: FloatArray) -> FloatArray:
         """Decode a vector into waypoints.

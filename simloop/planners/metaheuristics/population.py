@@ -67,7 +67,7 @@ class SelectiveObjective(Objective, Protocol):
         """
         ...
 
-    def dearest(self, x: FloatArray) -> int:
+    def worst(self, x: FloatArray) -> int:
         """Find the first vector with the greatest cost.
 
         Args:
@@ -283,7 +283,7 @@ class Population:
         self.objective.costs(self.x, costs, np.full(self.size, np.inf))
         return costs
 
-    def dearest(self) -> int:
+    def worst(self) -> int:
         """Find the worst after `replace` with ``keep``; this is not charged to the budget.
 
         Without a `SelectiveObjective` all costs are exact then.
@@ -292,7 +292,7 @@ class Population:
             Its index.
         """
         if self._selective is not None:
-            return self._selective.dearest(self.x)
+            return self._selective.worst(self.x)
         return int(np.argmax(self.cost))
 
     def remove_duplicates(self) -> int:

@@ -266,5 +266,5 @@ class AdaptiveSwarm(ParticleSwarm):
         if cost[0] < self._own_cost[best]:
             self._own_x[best], self._own_cost[best] = jump[0], cost[0]
         else:
-            worst = p.dearest()
+            worst = p.worst()
             p.x[worst], p.cost[worst] = jump[0], cost[0]

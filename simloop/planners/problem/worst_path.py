@@ -1,7 +1,7 @@
-"""Which of many paths in a distance field is the dearest: most need no exact cost for that.
+"""Find the path with the greatest J among many in a distance field, mostly without exact costs.
 
-What a path costs at most comes from the windows of the field (`windows`): R of a segment is
-greatest if it leads through an obstacle, and a segment whose windows are free does not.
+An upper bound of the cost of a path comes from the windows of the field (`windows`): R of a segment
+is greatest if it leads through an obstacle, and a segment whose windows are free does not.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ _ROUNDING = 1e-6  # more than the rounding error of a sum of penalties
 
 
 @njit(cache=True)
-def _lack_at_most(p: Problem, lows: Windows, path: FloatArray, i: int) -> float:
-    """Return a value that R of segment i of a path in a field does not exceed."""
+def _lack_bound(p: Problem, lows: Windows, path: FloatArray, i: int) -> float:
+    """Return an upper bound of R of segment i of a path in a field."""
     ax, ay, bx, by = path[i, 0], path[i, 1], path[i + 1, 0], path[i + 1, 1]
     length = math.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
     share = p.overhang_m / length if length > NO_LENGTH_M else 0.0
@@ -41,10 +41,11 @@ def _lack_at_most(p: Problem, lows: Windows, path: FloatArray, i: int) -> float:
 
 
 @njit(cache=True)
-def at_most(p: Problem, lows: Windows, path: FloatArray, m: int, known: float) -> float:
-    """Return a value that J of a path in a field does not exceed; at once if it is below ``known``.
+def cost_bound(p: Problem, lows: Windows, path: FloatArray, m: int, known: float) -> float:
+    """Compute an upper bound of J of a path in a field; stop once it is below ``known``.
 
-    First every segment may lead through an obstacle, then one after the other is seen not to.
+    The first bound assumes that every segment leads through an obstacle. Each segment for which the
+    windows prove more lowers it.
 
     Args:
         p: The problem, with a field whose values are not negative.
@@ -54,19 +55,19 @@ def at_most(p: Problem, lows: Windows, path: FloatArray, m: int, known: float) -
         known: What another path costs.
 
     Returns:
-        The value.
+        The bound.
     """
     through = p.safe_m + LEAST_INTRUSION_M + THROUGH_M
     most = plain_cost(p, path, m) + p.penalty * (m - 1) * through + _ROUNDING
     for i in range(m - 1):
         if most < known:
             break
-        most -= p.penalty * (through - _lack_at_most(p, lows, path, i))
+        most -= p.penalty * (through - _lack_bound(p, lows, path, i))
     return most
 
 
 @njit(cache=True)
-def cost_if_dearer(
+def cost_if_worse(
     p: Problem,
     lows: Windows,
     path: FloatArray,
@@ -75,7 +76,7 @@ def cost_if_dearer(
     known: float,
     stack: FloatArray,
 ) -> float:
-    """Compute J of a path that costs at most ``most``; -inf as soon as it is seen below ``known``.
+    """Compute J of a path; stop with -inf once it is certain to be below ``known``.
 
     The sum is that of `objective.evaluate` with an infinite bound.
 
@@ -84,7 +85,7 @@ def cost_if_dearer(
         lows: The field's windows.
         path: (>= m, 2) waypoints, m.
         m: Number of waypoints.
-        most: From `at_most`.
+        most: Upper bound of J, from `cost_bound`.
         known: What another path costs.
         stack: Scratch.
 
@@ -101,7 +102,7 @@ def cost_if_dearer(
             if clear < THROUGH_SHARE * p.safe_m:
                 lack += THROUGH_M
                 total += THROUGH_M
-        most -= p.penalty * (_lack_at_most(p, lows, path, i) - lack)
+        most -= p.penalty * (_lack_bound(p, lows, path, i) - lack)
         if most < known:
             return -np.inf
     return plain_cost(p, path, m) + p.penalty * total
