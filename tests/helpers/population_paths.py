@@ -78,6 +78,16 @@ def rounding() -> np.ndarray:
     return np.array(values)
 
 
+def rounds_as_stored() -> bool:
+    """Tell whether this machine rounds like the one that stored paths and walks.
+
+    Returns:
+        Whether `rounding` gives the stored values.
+    """
+    with np.load(PATHS) as stored:
+        return bool(np.array_equal(stored["rounding"], rounding()))
+
+
 def load_paths() -> dict[str, tuple[np.ndarray, int, int]]:
     """Read the stored paths.
 
@@ -85,9 +95,9 @@ def load_paths() -> dict[str, tuple[np.ndarray, int, int]]:
         Key of `plan_all` -> waypoints (m, 2), evaluations, generations; empty if this machine
         rounds differently from the one that stored them.
     """
+    if not rounds_as_stored():
+        return {}
     with np.load(PATHS) as stored:
-        if not np.array_equal(stored["rounding"], rounding()):
-            return {}
         ends = np.cumsum(stored["counts"])[:-1]
         paths = np.split(stored["points"], ends)
         effort = stored["effort"].tolist()
