@@ -159,12 +159,12 @@ class Journal:
     def _check_request(self, asked: Path) -> None:
         try:
             before = json.loads(asked.read_text(encoding="utf-8"))
-            seeds = before["seeds"]
+            seeds, scenarios = before["seeds"], before["scenarios"]
         except (OSError, ValueError, KeyError, TypeError):
             raise InputError(f"{asked}: cannot be read as a campaign's request") from None
         if not self._request.extends(before):
             raise InputError(
-                f"{self._folder}: holds another campaign ({', '.join(before['scenarios'])}, seeds "
+                f"{self._folder}: holds another campaign ({', '.join(scenarios)}, seeds "
                 f"{seeds[0]}:{seeds[1]}); {self._request.condition}, so give another --out"
             )
 

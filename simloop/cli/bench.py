@@ -204,10 +204,10 @@ def bench_papers(
     if report is not None:
         page.check(report)
     rows, measured = do_papers(request, out, workers or os.cpu_count() or 1, dask, tables)
-    found = figures.figures_of(request, rows, measured or {}, missing)
+    found = figures.figures_of(request, rows, measured, missing)
     print_figures.print_figures(Console(), found)
     write_json(json_file, found)
-    if found["interrupted"] or measured is None:
+    if found["interrupted"]:
         print(
             f"interrupted: {found['runs_finished']} of {found['runs']} runs are finished and kept; "
             "give the same command again to continue"

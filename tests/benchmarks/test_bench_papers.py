@@ -209,6 +209,9 @@ def test_a_benchmark_resumes_and_does_nothing_twice(tmp_path, monkeypatch):
     assert again == rows
     made = figures.figures_of(Drives(SMALL, (0, 1), ("open",)), rows, {})
     assert made["interrupted"] and made["runs_finished"] == 1 and made["runs"] == 2
+    assert not figures.figures_of(request, rows, {})["interrupted"]
+    # All runs are finished, but not the tables.
+    assert figures.figures_of(request, rows, None)["interrupted"]
 
 
 def test_a_folder_of_a_changed_scenario_is_refused(tmp_path):

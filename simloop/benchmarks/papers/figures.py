@@ -84,14 +84,17 @@ def cell_of(entry: Entry, rows: Sequence[Row]) -> Cell:
 
 
 def figures_of(
-    request: Drives, rows: Mapping[str, Row], tables: Mapping[str, Any], missing: Sequence[str] = ()
+    request: Drives,
+    rows: Mapping[str, Row],
+    tables: Mapping[str, Any] | None,
+    missing: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Compute everything that the JSON file holds.
 
     Args:
         request: The request.
         rows: The row of each finished run, by ``RunSpec.key``.
-        tables: The measured parts of `tables.measure`, by name.
+        tables: The measured parts of `tables.measure`, by name; None if they were interrupted.
         missing: Planners that are left out because their libraries are not installed.
 
     Returns:
@@ -99,17 +102,18 @@ def figures_of(
     """
     cells = cells_of(request, rows)
     specs = request.runs()
+    parts = tables or {}
     done = {(cell["planner"], cell["world"]): (cell["arrivals"], cell["runs"]) for cell in cells}
     return {
         "cells": cells,
-        "tables": {name: part for name, part in tables.items() if name != "weights"},
-        "weights": tables.get("weights"),
+        "tables": {name: part for name, part in parts.items() if name != "weights"},
+        "weights": parts.get("weights"),
         "contradicted_reasons": [list(key) for key in contradicted(done)],
         "missing_planners": list(missing),
         "seeds": list(request.seeds),
         "runs": len(specs),
         "runs_finished": sum(spec.key in rows for spec in specs),
-        "interrupted": any(spec.key not in rows for spec in specs),
+        "interrupted": tables is None or any(spec.key not in rows for spec in specs),
         "cpu_s": sum(rows[spec.key].get("cpu_s", 0.0) for spec in specs if spec.key in rows),
         "machine": machine(),
         "versions": versions(),
