@@ -107,11 +107,12 @@ def stays_clear(
             growth = movers[k, 5] * t
             if gap < (min(growth, first) - 1e-6 if calm else growth):
                 return False
-            # It may turn round at once: as far from where it is now as it can come by then. A slow
+            # It may turn round at once: as far from where it is now as it can come by then, with
+            # its pace of late, because a mover that turns round seems to stand for a moment. A slow
             # robot may pass nearer than that, if it comes no nearer than it is.
             gap = gap_after(pose, ahead, turned, 0.0, movers[k], half)
-            reach = movers[k, 6] * t
-            if gap < (reach if abs(speed) > _SLOW_MPS else min(reach, first)):
+            reach = max(movers[k, 6], movers[k, 7]) * t
+            if gap < (reach + margin if abs(speed) > _SLOW_MPS else min(reach, first)):
                 return False
     return True
 
