@@ -1,0 +1,40 @@
+"""The compiled kernels of the reference planners against the same methods in plain code."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from helpers.plain_exact import plain_exact_path
+
+from simloop.planners.reference.exact import exact_path
+
+START, GOAL, BOUNDS = np.array([0.2, 0.3]), np.array([4.8, 4.6]), np.array([0.0, 0.0, 5.0, 5.0])
+
+
+def discs(seed, count, radii):
+    """Discs (count, 3) that may overlap each other, the ends and the bounds."""
+    rng = np.random.default_rng(seed)
+    found = np.column_stack([rng.uniform(0.0, 5.0, (count, 2)), rng.uniform(*radii, count)])
+    near = np.hypot(*(found[:, :2] - START).T) < found[:, 2] + 0.2
+    near |= np.hypot(*(found[:, :2] - GOAL).T) < found[:, 2] + 0.2
+    return found[~near]
+
+
+@pytest.mark.parametrize("count", [0, 1, 5, 12, 25])
+def test_the_exact_path_is_that_of_the_plain_search(count):
+    reached = 0
+    for seed in range(8):
+        room = discs(seed, count, (0.05, 0.4))
+        if seed % 2 and len(room):
+            room = np.vstack([room, room[0], room[0] * (1.0, 1.0, 0.5)])  # equal and nested discs
+        found = exact_path(room, BOUNDS, START, GOAL, safe_m=0.2)
+        plain = plain_exact_path(room, BOUNDS, START, GOAL, safe_m=0.2)
+        assert (found is None) == (plain is None)
+        if found is None or plain is None:
+            continue
+        reached += 1
+        assert found.cost == pytest.approx(plain.cost, abs=1e-12)
+        assert found.length_m == pytest.approx(plain.length_m, abs=1e-12)
+        assert found.turning_rad == pytest.approx(plain.turning_rad, abs=1e-12)
+        np.testing.assert_allclose(found.points_m, plain.points_m, rtol=0.0, atol=1e-9)
+    assert reached >= 4
