@@ -4,8 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers import plain_visibility
 from helpers.plain_exact import plain_exact_path
 
+from simloop.benchmarks.planners.paper_scenes import paper_scene
+from simloop.benchmarks.planners.scenes import scene
+from simloop.planners.problem.clearance import make_problem
+from simloop.planners.problem.objective import make_stack
+from simloop.planners.reference import ref_visibility
 from simloop.planners.reference.exact import exact_path
 
 START, GOAL, BOUNDS = np.array([0.2, 0.3]), np.array([4.8, 4.6]), np.array([0.0, 0.0, 5.0, 5.0])
@@ -38,3 +44,22 @@ def test_the_exact_path_is_that_of_the_plain_search(count):
         assert found.turning_rad == pytest.approx(plain.turning_rad, abs=1e-12)
         np.testing.assert_allclose(found.points_m, plain.points_m, rtol=0.0, atol=1e-9)
     assert reached >= 4
+
+
+@pytest.mark.parametrize("one", [scene("S1")[0], paper_scene("trap")], ids=lambda one: one.name)
+def test_the_visibility_graph_is_that_of_the_plain_code(one, monkeypatch):
+    coarse = 24  # corners of a circle
+    monkeypatch.setattr(ref_visibility, "CORNERS", coarse)
+    monkeypatch.setattr(plain_visibility, "CORNERS", coarse)
+    p = make_problem(one.world, one.start, one.goal, safe_m=one.safe_m)
+    corners = ref_visibility.grown_corners(p)
+    plain = plain_visibility.plain_grown_corners(p)
+    for found, expected in zip(corners, plain, strict=True):
+        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12)
+    tail, head = ref_visibility.visible_edges(p, corners, make_stack())
+    plain_tail, plain_head = plain_visibility.plain_visible_edges(p, corners, make_stack())
+    assert np.array_equal(tail, plain_tail) and np.array_equal(head, plain_head)
+    chain = ref_visibility.best_chain(corners.at, tail, head, 0.65, 0.35)
+    assert list(chain) == plain_visibility.plain_best_chain(corners.at, tail, head, 0.65, 0.35)
+    cut = head != 1
+    assert not len(ref_visibility.best_chain(corners.at, tail[cut], head[cut], 0.65, 0.35))
