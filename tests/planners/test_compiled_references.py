@@ -9,10 +9,12 @@ from helpers.plain_exact import plain_exact_path
 
 from simloop.benchmarks.planners.paper_scenes import paper_scene
 from simloop.benchmarks.planners.scenes import scene
+from simloop.planners.problem.bends import is_clear
 from simloop.planners.problem.clearance import make_problem
 from simloop.planners.problem.objective import make_stack
 from simloop.planners.reference import ref_visibility
 from simloop.planners.reference.exact import exact_path
+from simloop.planners.reference.ref_ompl import clear_check
 
 START, GOAL, BOUNDS = np.array([0.2, 0.3]), np.array([4.8, 4.6]), np.array([0.0, 0.0, 5.0, 5.0])
 
@@ -63,3 +65,17 @@ def test_the_visibility_graph_is_that_of_the_plain_code(one, monkeypatch):
     assert list(chain) == plain_visibility.plain_best_chain(corners.at, tail, head, 0.65, 0.35)
     cut = head != 1
     assert not len(ref_visibility.best_chain(corners.at, tail[cut], head[cut], 0.65, 0.35))
+
+
+@pytest.mark.parametrize("name", ["S2", "S4a", "trap"])
+def test_the_check_for_ompl_is_that_of_all_planners(name):
+    one = paper_scene(name) if name == "trap" else scene(name)[0]
+    p = make_problem(one.world, one.start, one.goal, safe_m=one.safe_m, overhang_m=0.1)
+    clear, rng, before = clear_check(p), np.random.default_rng(0), int(p.trials[0])
+    low, high = one.world.bounds_m[:2], one.world.bounds_m[2:]
+    ends = rng.uniform(low, high, (300, 2, 2))
+    ends[::2, 1] = ends[::2, 0] + rng.normal(0.0, 0.2, (150, 2))
+    found = [clear(*a, *b) for a, b in ends]
+    assert int(p.trials[0]) == before + len(ends)
+    assert found == [is_clear(p, a, b, make_stack()) for a, b in ends]
+    assert 20 < sum(found) < 280
