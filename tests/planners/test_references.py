@@ -129,6 +129,13 @@ def test_a_sampling_planner_ends_with_the_straight_line(name):
     assert found.length_m == pytest.approx(math.hypot(3.0, 1.0), rel=1e-8)
 
 
+@pytest.mark.parametrize("name", ["informed_rrt_star", "bit_star"])
+def test_a_sampling_planner_ends_if_the_goal_is_too_close_to_an_obstacle(name):
+    pytest.importorskip("ompl")
+    world = disc_world(np.array([[3.0, 1.5, 0.4]]), (0.0, 0.0, 4.0, 4.0))
+    assert not plan(name, world, (0.5, 0.5), (3.5, 1.5)).safe
+
+
 def test_a_dear_search_keeps_to_its_own_budget_unless_it_is_to_be_precise():
     few, many = PlannerConfig(max_evaluations=500), PlannerConfig(max_evaluations=50_000)
     assert dear_budget(few) == 500

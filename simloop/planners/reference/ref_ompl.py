@@ -49,6 +49,8 @@ class InformedRrtStar(Reference):
         Returns:
             (n, 2) waypoints of the best path, m, map frame; None if none reaches the goal.
         """
+        if not _goal_is_clear(p):
+            return None
         base = self._base
         self._util.setLogLevel(self._util.LOG_NONE)
         self._util.RNG.setSeed(int(rng.integers(1, 2**31)))
@@ -150,6 +152,14 @@ def clear_check(p: Problem) -> Callable[[float, float, float, float], bool]:
     arrays = ("discs", "corners", "field", "trials")
     numbers = np.array([value for key, value in p._asdict().items() if key not in arrays])
     return partial(_is_clear, p.discs, p.corners, p.field, p.trials, numbers, make_stack())
+
+
+def _goal_is_clear(p: Problem) -> bool:
+    """Tell whether the goal keeps the clearance. If it does not, BIT* waits for it for ever."""
+    before = int(p.trials[0])
+    clear = clear_check(p)(p.goal_x, p.goal_y, p.goal_x, p.goal_y)
+    p.trials[0] = before  # OMPL checks it again, and counts it
+    return clear
 
 
 def _motions(base: Any) -> Any:
