@@ -253,13 +253,11 @@ _PLANNERS = (
         "informed_rrt_star",
         f"{_REFERENCE}.ref_ompl:InformedRrtStar",
         "OMPL's Informed RRT* (Gammell 2014); needs the extra 'references'",
-        slow=True,
     ),
     PlannerInfo(
         "bit_star",
         f"{_REFERENCE}.ref_ompl:BitStar",
         "OMPL's BIT* (Gammell 2015); needs the extra 'references'",
-        slow=True,
     ),
 )
 _BY_NAME = MappingProxyType({planner.name: planner for planner in _PLANNERS})

@@ -17,6 +17,7 @@ from simloop.planners.problem.account import problem_of
 from simloop.planners.protocol import PlanningTask
 from simloop.planners.reference.exact import exact_path
 from simloop.planners.reference.ref_grid import spacing
+from simloop.planners.reference.reference import DEAR_TRIALS, dear_budget
 from simloop.planners.registry import make_planner
 
 POINT = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))
@@ -117,6 +118,36 @@ def test_sampling_planners_come_near_the_shortest_path(name, within):
         assert np.array_equal(found.waypoints_m, again.waypoints_m)
         other = solve(name, one, seed=2)
         assert not np.array_equal(found.waypoints_m, other.waypoints_m)
+
+
+@pytest.mark.parametrize("name", ["informed_rrt_star", "bit_star"])
+def test_a_sampling_planner_ends_with_the_straight_line(name):
+    pytest.importorskip("ompl")
+    world = disc_world(np.array([[1.0, 3.0, 0.2]]), (0.0, 0.0, 4.0, 4.0))
+    found = plan(name, world, (0.5, 0.5), (3.5, 1.5))
+    assert found.safe and found.evaluations < 1000
+    assert found.length_m == pytest.approx(math.hypot(3.0, 1.0), rel=1e-8)
+
+
+@pytest.mark.parametrize("name", ["informed_rrt_star", "bit_star"])
+def test_a_sampling_planner_ends_if_the_goal_is_too_close_to_an_obstacle(name):
+    pytest.importorskip("ompl")
+    world = disc_world(np.array([[3.0, 1.5, 0.4]]), (0.0, 0.0, 4.0, 4.0))
+    assert not plan(name, world, (0.5, 0.5), (3.5, 1.5)).safe
+
+
+def test_a_dear_search_keeps_to_its_own_budget_unless_it_is_to_be_precise():
+    few, many = PlannerConfig(max_evaluations=500), PlannerConfig(max_evaluations=50_000)
+    assert dear_budget(few) == 500
+    assert dear_budget(many) == DEAR_TRIALS
+    assert dear_budget(replace(many, precise=True)) == 50_000
+
+
+@pytest.mark.parametrize("name", ["cma", "bit_star"])
+def test_a_dear_planner_stays_within_a_frame_of_the_loop(name):
+    pytest.importorskip(name if name == "cma" else "ompl")
+    found = solve(name, ROOM[0], evaluations=40_000)
+    assert found.safe and found.evaluations < DEAR_TRIALS + 500
 
 
 @pytest.mark.parametrize("name", ["exact", "visibility"])

@@ -2,6 +2,11 @@
 
 It starts at the cheapest member of the same first population. Whenever it has converged, it
 restarts at the next cheapest member with a doubled population (IPOP), until the budget is spent.
+
+The library takes far longer for a generation than its paths' costs take, so the budget is that of a
+dear search (`reference.dear_budget`). Medians of J above the optimum with 6000 and with 40,000
+trials, in percent: S1 0.14 and 0.03, S2 0.06 and 0.02, S3 0.13 and 0.09, S4a 0.25 and 0.06, S4b
+0.33 and 0.28 (the first 1, 5, 3, 1, 1 instances, seeds 0 to 2).
 """
 
 from __future__ import annotations
@@ -16,7 +21,7 @@ from simloop.messages import FloatArray, WorldView
 from simloop.planners.metaheuristics.codings import PathObjective, make_coding
 from simloop.planners.metaheuristics.seeds import seeded
 from simloop.planners.problem.clearance import Problem
-from simloop.planners.reference.reference import Reference, import_library
+from simloop.planners.reference.reference import Reference, dear_budget, import_library
 from simloop.planners.splitmix import make_state
 
 POINTS = 8
@@ -51,7 +56,7 @@ class CmaEs(Reference):
         """
         coding = make_coding(p, "box", self.points)
         objective = PathObjective(p, coding)
-        end = int(p.trials[0]) + self._config.max_evaluations
+        end = int(p.trials[0]) + dear_budget(self._config)
         first = seeded(p, coding, self._config.learners, make_state(rng))
         # The first population is evaluated in any case.
         end = max(end, int(p.trials[0]) + self._config.learners)

@@ -14,11 +14,15 @@ from typing import Any
 import numpy as np
 
 from simloop.common.errors import InputError
+from simloop.config import PlannerConfig
 from simloop.messages import FloatArray, WorldView
 from simloop.planners.problem.clearance import Problem
 from simloop.planners.protocol import kind_of
 from simloop.planners.reactive.rollout import Rollout, RolloutPlanner
 from simloop.planners.registry import info
+
+DEAR_TRIALS = 6_000
+"""Largest number of trials of a dear search, so that it fits into a frame of the loop."""
 
 
 def import_library(name: str, planner: str) -> Any:
@@ -41,6 +45,19 @@ def import_library(name: str, planner: str) -> Any:
         raise InputError(
             f"planner {planner} needs the library {root}: pip install 'simloop[references]'"
         ) from None
+
+
+def dear_budget(config: PlannerConfig) -> int:
+    """Compute the budget of a search in which a trial takes far longer than its path's cost.
+
+    Args:
+        config: The planner's settings.
+
+    Returns:
+        Largest number of trials of one search: ``max_evaluations``, but at most `DEAR_TRIALS`
+        unless the settings ask for ``precise`` plans.
+    """
+    return config.max_evaluations if config.precise else min(config.max_evaluations, DEAR_TRIALS)
 
 
 class Reference(RolloutPlanner):
