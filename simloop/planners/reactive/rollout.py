@@ -15,7 +15,6 @@ import numpy as np
 from numba import njit
 
 from simloop.config import PlannerConfig, VehicleConfig
-from simloop.geometry.distance_field import FREE_M
 from simloop.messages import FloatArray, Plan, WorldView
 from simloop.planners.problem.account import account, lack_of, problem_of
 from simloop.planners.problem.clearance import (
@@ -24,8 +23,8 @@ from simloop.planners.problem.clearance import (
     relaxed_clearance,
     segment_clearance,
 )
-from simloop.planners.problem.flat_problem import allowance, sample_field
 from simloop.planners.protocol import PlanningTask
+from simloop.planners.reactive.overhang_room import with_room
 from simloop.planners.tlbo.warm import way_ahead
 
 TOLERANCE_SHARES = (0.02, 0.005, 0.0)
@@ -33,9 +32,6 @@ TOLERANCE_SHARES = (0.02, 0.005, 0.0)
 costs no clearance is used."""
 _ATTEMPTS = 4
 _LEAST_GROWTH = 0.1  # of the overhang: growth between two attempts
-# Half widths of the central differences: as a share of the safe distance, and of a field's cell.
-_SLOPE_SAFE = 1e-3
-_SLOPE_CELLS = 0.5
 
 
 class Rollout(NamedTuple):
@@ -57,70 +53,6 @@ class Rollout(NamedTuple):
     generations: int = 0
     candidates: tuple[FloatArray, ...] = ()
     others: tuple[FloatArray, ...] = ()
-
-
-@njit(cache=True, forceinline=True)
-def nearest_surface(p: Problem, x: float, y: float) -> tuple[float, float, float]:
-    """Compute the distance from a point to the nearest grown obstacle, and its gradient.
-
-    Obstacles are grown by the safe distance. Near a start that is too close to an obstacle the safe
-    distance is relaxed. Among discs the gradient is exact, elsewhere it comes from central
-    differences. The function is compiled into its callers, whose loops would otherwise spend most
-    of their time on handing the problem over.
-
-    Args:
-        p: The planning problem.
-        x: x of the point, m, map frame.
-        y: y of the point, m, map frame.
-
-    Returns:
-        Distance, m, negative inside the grown obstacle; unit vector away from the obstacle, or
-        (0, 0) where the distance has no slope.
-    """
-    ux, uy = 0.0, 0.0
-    if p.field.size == 0 and p.corners.size == 0:
-        gap, least = FREE_M, np.inf
-        for k in range(p.discs.shape[1]):
-            dx, dy = x - p.discs[0, k], y - p.discs[1, k]
-            apart = math.hypot(dx, dy)
-            gap = min(gap, apart - p.discs[2, k])
-            if apart - p.discs[2, k] < least and apart > 0.0:
-                least = apart - p.discs[2, k]
-                ux, uy = dx / apart, dy / apart
-        return gap + allowance(p, x, y) - p.safe_m, ux, uy
-    if p.field.size > 0:
-        h = _SLOPE_CELLS / p.per_m
-        gap = sample_field(p, x, y) + allowance(p, x, y)
-        gx = sample_field(p, x + h, y) + allowance(p, x + h, y)
-        gx -= sample_field(p, x - h, y) + allowance(p, x - h, y)
-        gy = sample_field(p, x, y + h) + allowance(p, x, y + h)
-        gy -= sample_field(p, x, y - h) + allowance(p, x, y - h)
-    else:
-        h = _SLOPE_SAFE * p.safe_m
-        gap = relaxed_clearance(p, x, y)
-        gx = relaxed_clearance(p, x + h, y) - relaxed_clearance(p, x - h, y)
-        gy = relaxed_clearance(p, x, y + h) - relaxed_clearance(p, x, y - h)
-    size = math.hypot(gx, gy)
-    if size >= 1e-12:
-        ux, uy = gx / size, gy / size
-    return gap - p.safe_m, ux, uy
-
-
-@njit(cache=True, forceinline=True)
-def inside_bounds(p: Problem, x: float, y: float) -> bool:
-    """Tell whether a point lies in the waypoints' box, extended to start and goal.
-
-    Args:
-        p: The planning problem.
-        x: x of the point, m, map frame.
-        y: y of the point, m, map frame.
-
-    Returns:
-        Whether it lies inside.
-    """
-    low_x, high_x = min(p.low_x, p.start_x, p.goal_x), max(p.high_x, p.start_x, p.goal_x)
-    low_y, high_y = min(p.low_y, p.start_y, p.goal_y), max(p.high_y, p.start_y, p.goal_y)
-    return low_x <= x <= high_x and low_y <= y <= high_y
 
 
 @njit(cache=True)
@@ -278,8 +210,15 @@ class RolloutPlanner:
     def _old_plan(self, task: PlanningTask, problem: Problem) -> Plan | None:
         """Return the plan along what lies ahead of the last one, if that is kept and still safe."""
         way = way_ahead(problem, task.previous) if self.keeps_way else None
-        plan = None if way is None else _account_of(self.name, task, problem, way)
-        return plan if plan is not None and plan.safe else None
+        if way is None:
+            return None
+        plan = _account_of(self.name, task, problem, way)
+        if not plan.safe and problem.overhang_m > 0.0:
+            # A few centimetres off the way, or a wall that is now seen better, are no reason to
+            # go elsewhere: the way bends with them.
+            way, lack = _finish(problem, Rollout(with_room(problem, way), True, 0))
+            plan = _account_of(self.name, task, problem, way, lack)
+        return plan if plan.safe else None
 
     def _usable_view(self, world: WorldView) -> WorldView:
         """Return the view in a form that this planner can use."""
@@ -320,6 +259,10 @@ def _safest(p: Problem, done: Rollout) -> tuple[FloatArray, float]:
             path, lack = _finish(p, done._replace(path=other))
             if lack == 0.0:
                 return path, lack
+        if done.reached and p.overhang_m > 0.0:
+            bent = _finish(p, done._replace(path=with_room(p, done.path)))
+            if bent[1] < first[1]:
+                return bent
     return first
 
 
