@@ -95,3 +95,16 @@ def test_a_kept_way_bends_where_the_wall_turns_out_to_be_nearer():
     kept = Stands(config, vehicle).plan(task, rng)
     assert kept.safe and kept.length_m < 8.0
     assert not Stands(config, vehicle).plan(replace(task, previous=None), rng).safe
+
+
+def test_a_walk_goes_on_along_its_surface_where_the_last_way_is_blocked():
+    """The wall is longer than the last view showed; a new walk would turn back along it."""
+    goal, wall = np.array([3.5, -1.0]), (1.5, 2.1, -3.0, 1.6)
+    last = plan_of([(1.1, 0.0), (1.1, 1.2), (2.4, 1.3), goal])
+    task = PlanningTask(room([wall]), np.array([1.1, 0.6, 1.5]), goal, SAFE_M)
+    planner = make_planner(PlannerConfig(name="avoa_online"), VehicleConfig())
+    for seed in range(3):
+        anew = planner.plan(task, np.random.default_rng(seed))
+        on = planner.plan(replace(task, previous=last), np.random.default_rng(seed))
+        assert anew.safe and anew.waypoints_m[:, 1].min() < -3.0 and anew.length_m > 7.0
+        assert on.safe and on.waypoints_m[:, 1].max() > 1.6 and on.length_m < 6.5

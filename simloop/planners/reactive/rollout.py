@@ -193,25 +193,24 @@ class RolloutPlanner:
         """
         task = replace(task, world=self._usable_view(task.world))
         problem = problem_of(self._config, self._overhang, task)
-        old = self._old_plan(task, problem)
-        roll_out = self._make_rollout(task.world, rng)
-        if old is None:
-            return plan_by_rollout(self.name, task, problem, roll_out)
-        plan = plan_by_rollout(self.name, task, problem, roll_out, old.cost)
-        if plan.safe and plan.cost < old.cost:
-            return plan
-        return replace(
-            old,
-            evaluations=plan.evaluations,
-            generations=plan.generations,
-            candidates_m=plan.candidates_m,
-        )
-
-    def _old_plan(self, task: PlanningTask, problem: Problem) -> Plan | None:
-        """Return the plan along what lies ahead of the last one, if that is kept and still safe."""
         way = way_ahead(problem, task.previous) if self.keeps_way else None
-        if way is None:
-            return None
+        old = None if way is None else self._old_plan(task, problem, way)
+        roll_out = self._make_rollout(task.world, rng)
+        if old is not None:
+            plan = plan_by_rollout(self.name, task, problem, roll_out, old.cost)
+            return plan if plan.safe and plan.cost < old.cost else _told_by(old, plan)
+        plan = plan_by_rollout(self.name, task, problem, roll_out)
+        go_on = None if way is None else self._make_continuation(problem, way, rng)
+        if go_on is None:
+            return plan
+        known = plan.cost if plan.safe else math.inf
+        other = plan_by_rollout(self.name, task, problem, go_on, known)
+        spent = plan.evaluations + other.evaluations
+        better = (not other.safe, other.cost) < (not plan.safe, plan.cost)
+        return replace(other if better else plan, evaluations=spent)
+
+    def _old_plan(self, task: PlanningTask, problem: Problem, way: FloatArray) -> Plan | None:
+        """Return the plan along what lies ahead of the last one, if that is still safe."""
         plan = _account_of(self.name, task, problem, way)
         if not plan.safe and problem.overhang_m > 0.0:
             # A few centimetres off the way, or a wall that is now seen better, are no reason to
@@ -229,6 +228,42 @@ class RolloutPlanner:
     ) -> Callable[[Problem, int], Rollout]:
         """Return the function that moves the point; see `plan_by_rollout`."""
         raise NotImplementedError
+
+    def _make_continuation(
+        self, problem: Problem, way: FloatArray, rng: np.random.Generator
+    ) -> Callable[[Problem, int], Rollout] | None:
+        """Return a function that moves the point on from where the last way is blocked now.
+
+        A walk that starts anew knows nothing of what it was doing, for example of the surface that
+        it followed. None if the planner's point has no such state.
+        """
+        return None
+
+
+def clear_part(p: Problem, way: FloatArray) -> FloatArray:
+    """Return the part of a way before the first segment that lacks clearance.
+
+    Args:
+        p: The planning problem.
+        way: (n, 2) waypoints, m, map frame.
+
+    Returns:
+        (k >= 1, 2) its first waypoints, m, map frame.
+    """
+    for n in range(2, len(way) + 1):
+        if lack_of(p, way[n - 2 : n]) > 0.0:
+            return way[: n - 1]
+    return way
+
+
+def _told_by(old: Plan, search: Plan) -> Plan:
+    """Return a kept plan with the account of the search that found nothing better."""
+    return replace(
+        old,
+        evaluations=search.evaluations,
+        generations=search.generations,
+        candidates_m=search.candidates_m,
+    )
 
 
 def _account_of(
