@@ -108,3 +108,13 @@ def test_a_walk_goes_on_along_its_surface_where_the_last_way_is_blocked():
         on = planner.plan(replace(task, previous=last), np.random.default_rng(seed))
         assert anew.safe and anew.waypoints_m[:, 1].min() < -3.0 and anew.length_m > 7.0
         assert on.safe and on.waypoints_m[:, 1].max() > 1.6 and on.length_m < 6.5
+
+
+def test_obstacles_do_not_grow_over_the_goal():
+    planner = make_planner(PlannerConfig(name="avoa_online"), VehicleConfig())
+    goal = np.array([1.2, -2.0])  # 0.3 m from the wall: within the safe distance and the overhang
+    plan = planner.plan(PlanningTask(room(), START, goal, SAFE_M), np.random.default_rng(0))
+    straight = goal[0] - START[0]
+    steps = straight / (0.4 * SAFE_M)
+    assert plan.length_m < 1.1 * straight
+    assert plan.evaluations < 110 * 2 * 1.2 * steps  # at most two walks, and none of them circles

@@ -31,6 +31,7 @@ TOLERANCE_SHARES = (0.02, 0.005, 0.0)
 """Allowed distances of a simplified path from the trace, in safe distances. The first one that
 costs no clearance is used."""
 _ATTEMPTS = 4
+_WALK_MARGIN = 0.1  # of the safe distance: walks keep a little more than they must
 _LEAST_GROWTH = 0.1  # of the overhang: growth between two attempts
 
 
@@ -133,7 +134,7 @@ def plan_by_rollout(
     """
     best: tuple[float, Rollout, FloatArray] | None = None
     evaluations = 0
-    growth, lacking = 0.0, 0.0
+    growth, lacking, most = 0.0, 0.0, _most_growth(problem)
     for attempt in range(_ATTEMPTS if problem.overhang_m > 0.0 else 1):
         done = roll_out(with_extra_clearance(problem, growth), attempt)
         evaluations += done.evaluations
@@ -147,10 +148,10 @@ def plan_by_rollout(
         if done.reached and _account_of(name, task, problem, path, 0.0).cost >= known_cost:
             break
         if done.reached:
-            if growth == problem.overhang_m:
+            if growth == most:
                 break
             more = max(_worst_lack(problem, path), _LEAST_GROWTH * problem.overhang_m)
-            lacking, growth = growth, min(growth + more, problem.overhang_m)
+            lacking, growth = growth, min(growth + more, most)
         else:
             growth = 0.5 * (lacking + growth)
     assert best is not None
@@ -271,6 +272,15 @@ def _account_of(
 ) -> Plan:
     """Return the plan along a path that nobody has searched for."""
     return account(name, task, p, path, lack_m=lack_m, evaluations=0, generations=0)
+
+
+def _most_growth(p: Problem) -> float:
+    """Return how much the obstacles may grow, m: up to the overhang, but not over the goal.
+
+    A walk to a goal inside an obstacle would go on until its steps are used up.
+    """
+    room = relaxed_clearance(p, p.goal_x, p.goal_y) - (1.0 + _WALK_MARGIN) * p.safe_m
+    return min(p.overhang_m, max(0.0, room))
 
 
 @njit(cache=True)
