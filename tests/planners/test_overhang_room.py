@@ -118,3 +118,14 @@ def test_obstacles_do_not_grow_over_the_goal():
     steps = straight / (0.4 * SAFE_M)
     assert plan.length_m < 1.1 * straight
     assert plan.evaluations < 110 * 2 * 1.2 * steps  # at most two walks, and none of them circles
+
+
+def test_the_deformed_field_leads_a_vehicle_backwards_out_of_a_pocket():
+    """By construction it cannot do so itself: genes turn the attraction by 90 degrees at most."""
+    pocket = ((1.0, 1.3, -1.2, 1.2), (-0.6, 1.3, 1.2, 1.5), (-0.6, 1.3, -1.5, -1.2))
+    task = PlanningTask(room(pocket), np.array([0.5, 0.0, 0.0]), np.array([3.0, 0.0]), SAFE_M)
+    config, rng = PlannerConfig(name="ga_apf"), np.random.default_rng(0)
+    point = VehicleConfig(footprint_offsets_m=(0.0, 0.0, 0.0))
+    assert not make_planner(config, point).plan(task, rng).safe
+    plan = make_planner(config, VehicleConfig()).plan(task, rng)
+    assert plan.safe and plan.waypoints_m[:, 0].min() < -0.5
