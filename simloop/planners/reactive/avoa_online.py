@@ -7,7 +7,9 @@ no movers; `simloop.planners.reactive.online` simulates worlds with movers.
 
 Chosen here: a step is 0.4 safe distances (0.1 m at the robot's size), the sensor's range is twelve
 safe distances (3.1 m), and a path may be ten times as long as the straight line. A walk also ends
-when it has circled an obstacle both ways round without finding a place to leave it.
+when it has circled an obstacle both ways round without finding a place to leave it. Where the last
+plan turns out to be blocked, a second walk goes on from there along the surface that the point
+followed, because a robot that decided step by step would do so. The cheaper walk is used.
 """
 
 from __future__ import annotations
@@ -17,12 +19,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from simloop.messages import WorldView
+from simloop.messages import FloatArray, WorldView
 from simloop.planners.problem.clearance import Problem
 from simloop.planners.reactive.controller_search import CompiledFuzzySteering
 from simloop.planners.reactive.heading_search import swarm_steering, vulture_steering
 from simloop.planners.reactive.online import RangeSensor, motion_box, padded_safe_distance
-from simloop.planners.reactive.rollout import Rollout, RolloutPlanner
+from simloop.planners.reactive.rollout import Rollout, RolloutPlanner, clear_part
 from simloop.planners.reactive.sensing import LocalView
 from simloop.planners.reactive.stepper import Steering, Stepper
 from simloop.planners.splitmix import State, make_state
@@ -54,22 +56,38 @@ class OnlinePlanner(RolloutPlanner):
         state = make_state(rng)
         return lambda p, attempt: self._roll_out(p, state)
 
-    def _roll_out(self, p: Problem, state: State) -> Rollout:
-        """Step to the goal, until the steps are used up, or the point is stuck."""
+    def _make_continuation(
+        self, problem: Problem, way: FloatArray, rng: np.random.Generator
+    ) -> Callable[[Problem, int], Rollout] | None:
+        begun, state = clear_part(problem, way), make_state(rng)
+        if len(begun) < 2:
+            return None
+        return lambda p, attempt: self._roll_out(p, state, begun)
+
+    def _roll_out(self, p: Problem, state: State, begun: FloatArray | None = None) -> Rollout:
+        """Step to the goal, until the steps are used up, or the point is stuck.
+
+        ``begun`` (n >= 2, 2) is a way that the point has already gone along a surface.
+        """
         safe_m, box = padded_safe_distance(p), motion_box(p)
         step_m, reach_m = STEP_SAFE * p.safe_m, REACH_SAFE * p.safe_m
         sensor = RangeSensor(p, reach_m, box, safe_m)
-        here, goal = np.array([p.start_x, p.start_y]), np.array([p.goal_x, p.goal_y])
+        path = [np.array([p.start_x, p.start_y])] if begun is None else list(begun)
+        here, goal = path[-1], np.array([p.goal_x, p.goal_y])
         left = math.dist(here, goal)
-        stepper = Stepper(self.steering(), state, math.atan2(*(goal - here)[::-1]))
-        path, waits = [here], 0
-        allowed = _LEAST_STEPS + int(_ALLOWED_DETOUR * left / step_m)
+        ahead = goal - here if begun is None else here - path[-2]
+        stepper = Stepper(self.steering(), state, math.atan2(ahead[1], ahead[0]))
+        waits, goes_on = 0, begun is not None
+        allowed = len(path) + _LEAST_STEPS + int(_ALLOWED_DETOUR * left / step_m)
         while left > 0.0 and len(path) <= allowed and waits < _MOST_WAITS:
             if stepper.circled >= _BOTH_WAYS:
                 break
             points = sensor.points(*here)
             (x, y), (goal_x, goal_y) = here, goal
             view = LocalView(points, _NO_MOVERS, x, y, goal_x, goal_y, safe_m, step_m, reach_m, box)
+            if goes_on:
+                stepper.go_on_along_surface(view)
+                goes_on = False
             there = stepper.step(view, goal)
             waits = waits + 1 if np.array_equal(there, here) else 0
             here, left = there, math.dist(there, goal)

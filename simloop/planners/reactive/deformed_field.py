@@ -17,7 +17,7 @@ from numba import njit
 
 from simloop.messages import FloatArray
 from simloop.planners.problem.clearance import Problem
-from simloop.planners.reactive.rollout import inside_bounds, nearest_surface
+from simloop.planners.reactive.surface import inside_bounds, nearest_surface
 
 STEP_SHARE = 0.5
 """The share of Eq. 17 (printed there as a partial derivative sign)."""

@@ -23,6 +23,10 @@ Chosen here, because the paper leaves it open:
 - The adjacent distance is twice the largest radius; a path that leaves that strip is invalid. If
   no path reaches the goal, the distance is doubled (the paper: "twice (or more)"), up to three
   times.
+- A gene turns the attraction by a right angle at most, so no path leads backwards out of a pocket
+  between two obstacles. The paper's starts are in none, but a vehicle that finds a gap closed is.
+  Its path then begins with a straight leg sidewards or backwards, after which the search is tried
+  again.
 - Radii are grown by the safe distance. Among polygons and in a distance field the nearest surface
   repels. Frontal obstacles are then the view's discs, or circles about the field's obstacles.
 """
@@ -38,10 +42,12 @@ import numpy as np
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.geometry.discs import discs_of
 from simloop.messages import FloatArray, WorldView
+from simloop.planners.problem.account import lack_of
 from simloop.planners.problem.clearance import Problem
 from simloop.planners.reactive.deformed_field import MOST_STEPS, Field, walk
 from simloop.planners.reactive.evolution import POPULATION, Herd, evolve, make_herd
 from simloop.planners.reactive.rollout import Rollout, RolloutPlanner
+from simloop.planners.reactive.surface import inside_bounds
 from simloop.planners.splitmix import State, make_state
 
 EPSILON = 0.03
@@ -50,6 +56,9 @@ _WIDENINGS = 3
 _UNITS = 100.0
 _LEAST_UNITS = 5.0  # for a goal nearer than this, in safe distances, the unit does not shrink
 _FINALISTS = 12
+_BACK_SAFE = (4.0, 8.0, 12.0)  # lengths of the leg back, in safe distances
+_BACK_RAD = (0.0, 0.25 * math.pi, -0.25 * math.pi, 0.5 * math.pi, -0.5 * math.pi)
+_MOST_BACK = 6
 
 
 class Classes(NamedTuple):
@@ -114,7 +123,25 @@ class GaApf(RolloutPlanner):
         self, world: WorldView, rng: np.random.Generator
     ) -> Callable[[Problem, int], Rollout]:
         discs, state = _discs(world), make_state(rng)
-        return lambda p, attempt: self._search(p, discs, state)
+        return lambda p, attempt: self._search_with_way_back(p, discs, state)
+
+    def _search_with_way_back(self, p: Problem, discs: FloatArray, state: State) -> Rollout:
+        """Search from the start and, if no path of a vehicle reaches the goal, from behind it."""
+        done = self._search(p, discs, state)
+        if done.reached or p.overhang_m == 0.0:
+            return done
+        here, spent = np.array([p.start_x, p.start_y]), done.evaluations
+        for x, y in _places_behind(p):
+            behind = p._replace(start_x=x, start_y=y, start_slack=0.0)
+            other = self._search(behind, discs, state)
+            spent += other.evaluations
+            if other.reached:
+                return other._replace(
+                    path=np.vstack([here, other.path]),
+                    others=tuple(np.vstack([here, path]) for path in other.others),
+                    evaluations=spent,
+                )
+        return done._replace(evaluations=spent)
 
     def _search(self, p: Problem, discs: FloatArray, state: State) -> Rollout:
         """Evolve in the strip, and in wider strips while no path reaches the goal."""
@@ -158,6 +185,21 @@ class GaApf(RolloutPlanner):
             return rollouts[0]._replace(candidates=shown)
         others = {id(one.path): one.path for one in valid[1:] if one.path is not valid[0].path}
         return valid[0]._replace(candidates=shown, others=tuple(others.values()))
+
+
+def _places_behind(p: Problem) -> list[tuple[float, float]]:
+    """Return places beside and behind the start, as seen from the goal, that a leg reaches."""
+    away = math.atan2(p.start_y - p.goal_y, p.start_x - p.goal_x)
+    places: list[tuple[float, float]] = []
+    for reach in _BACK_SAFE:
+        for turn in _BACK_RAD:
+            x = p.start_x + reach * p.safe_m * math.cos(away + turn)
+            y = p.start_y + reach * p.safe_m * math.sin(away + turn)
+            if inside_bounds(p, x, y) and not lack_of(
+                p, np.array([[p.start_x, p.start_y], [x, y]])
+            ):
+                places.append((x, y))
+    return places[:_MOST_BACK]
 
 
 def _discs(world: WorldView) -> FloatArray:

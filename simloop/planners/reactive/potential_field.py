@@ -21,12 +21,8 @@ from numba import njit
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray, WorldView
 from simloop.planners.problem.clearance import Problem
-from simloop.planners.reactive.rollout import (
-    Rollout,
-    RolloutPlanner,
-    inside_bounds,
-    nearest_surface,
-)
+from simloop.planners.reactive.rollout import Rollout, RolloutPlanner
+from simloop.planners.reactive.surface import inside_bounds, nearest_surface
 
 ATTRACTION = 1.0
 """xi of Eq. 1."""

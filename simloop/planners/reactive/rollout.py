@@ -15,7 +15,6 @@ import numpy as np
 from numba import njit
 
 from simloop.config import PlannerConfig, VehicleConfig
-from simloop.geometry.distance_field import FREE_M
 from simloop.messages import FloatArray, Plan, WorldView
 from simloop.planners.problem.account import account, lack_of, problem_of
 from simloop.planners.problem.clearance import (
@@ -24,18 +23,16 @@ from simloop.planners.problem.clearance import (
     relaxed_clearance,
     segment_clearance,
 )
-from simloop.planners.problem.flat_problem import allowance, sample_field
 from simloop.planners.protocol import PlanningTask
+from simloop.planners.reactive.overhang_room import with_room
 from simloop.planners.tlbo.warm import way_ahead
 
 TOLERANCE_SHARES = (0.02, 0.005, 0.0)
 """Allowed distances of a simplified path from the trace, in safe distances. The first one that
 costs no clearance is used."""
 _ATTEMPTS = 4
+_WALK_MARGIN = 0.1  # of the safe distance: walks keep a little more than they must
 _LEAST_GROWTH = 0.1  # of the overhang: growth between two attempts
-# Half widths of the central differences: as a share of the safe distance, and of a field's cell.
-_SLOPE_SAFE = 1e-3
-_SLOPE_CELLS = 0.5
 
 
 class Rollout(NamedTuple):
@@ -57,70 +54,6 @@ class Rollout(NamedTuple):
     generations: int = 0
     candidates: tuple[FloatArray, ...] = ()
     others: tuple[FloatArray, ...] = ()
-
-
-@njit(cache=True, forceinline=True)
-def nearest_surface(p: Problem, x: float, y: float) -> tuple[float, float, float]:
-    """Compute the distance from a point to the nearest grown obstacle, and its gradient.
-
-    Obstacles are grown by the safe distance. Near a start that is too close to an obstacle the safe
-    distance is relaxed. Among discs the gradient is exact, elsewhere it comes from central
-    differences. The function is compiled into its callers, whose loops would otherwise spend most
-    of their time on handing the problem over.
-
-    Args:
-        p: The planning problem.
-        x: x of the point, m, map frame.
-        y: y of the point, m, map frame.
-
-    Returns:
-        Distance, m, negative inside the grown obstacle; unit vector away from the obstacle, or
-        (0, 0) where the distance has no slope.
-    """
-    ux, uy = 0.0, 0.0
-    if p.field.size == 0 and p.corners.size == 0:
-        gap, least = FREE_M, np.inf
-        for k in range(p.discs.shape[1]):
-            dx, dy = x - p.discs[0, k], y - p.discs[1, k]
-            apart = math.hypot(dx, dy)
-            gap = min(gap, apart - p.discs[2, k])
-            if apart - p.discs[2, k] < least and apart > 0.0:
-                least = apart - p.discs[2, k]
-                ux, uy = dx / apart, dy / apart
-        return gap + allowance(p, x, y) - p.safe_m, ux, uy
-    if p.field.size > 0:
-        h = _SLOPE_CELLS / p.per_m
-        gap = sample_field(p, x, y) + allowance(p, x, y)
-        gx = sample_field(p, x + h, y) + allowance(p, x + h, y)
-        gx -= sample_field(p, x - h, y) + allowance(p, x - h, y)
-        gy = sample_field(p, x, y + h) + allowance(p, x, y + h)
-        gy -= sample_field(p, x, y - h) + allowance(p, x, y - h)
-    else:
-        h = _SLOPE_SAFE * p.safe_m
-        gap = relaxed_clearance(p, x, y)
-        gx = relaxed_clearance(p, x + h, y) - relaxed_clearance(p, x - h, y)
-        gy = relaxed_clearance(p, x, y + h) - relaxed_clearance(p, x, y - h)
-    size = math.hypot(gx, gy)
-    if size >= 1e-12:
-        ux, uy = gx / size, gy / size
-    return gap - p.safe_m, ux, uy
-
-
-@njit(cache=True, forceinline=True)
-def inside_bounds(p: Problem, x: float, y: float) -> bool:
-    """Tell whether a point lies in the waypoints' box, extended to start and goal.
-
-    Args:
-        p: The planning problem.
-        x: x of the point, m, map frame.
-        y: y of the point, m, map frame.
-
-    Returns:
-        Whether it lies inside.
-    """
-    low_x, high_x = min(p.low_x, p.start_x, p.goal_x), max(p.high_x, p.start_x, p.goal_x)
-    low_y, high_y = min(p.low_y, p.start_y, p.goal_y), max(p.high_y, p.start_y, p.goal_y)
-    return low_x <= x <= high_x and low_y <= y <= high_y
 
 
 @njit(cache=True)
@@ -201,7 +134,7 @@ def plan_by_rollout(
     """
     best: tuple[float, Rollout, FloatArray] | None = None
     evaluations = 0
-    growth, lacking = 0.0, 0.0
+    growth, lacking, most = 0.0, 0.0, _most_growth(problem)
     for attempt in range(_ATTEMPTS if problem.overhang_m > 0.0 else 1):
         done = roll_out(with_extra_clearance(problem, growth), attempt)
         evaluations += done.evaluations
@@ -215,10 +148,10 @@ def plan_by_rollout(
         if done.reached and _account_of(name, task, problem, path, 0.0).cost >= known_cost:
             break
         if done.reached:
-            if growth == problem.overhang_m:
+            if growth == most:
                 break
             more = max(_worst_lack(problem, path), _LEAST_GROWTH * problem.overhang_m)
-            lacking, growth = growth, min(growth + more, problem.overhang_m)
+            lacking, growth = growth, min(growth + more, most)
         else:
             growth = 0.5 * (lacking + growth)
     assert best is not None
@@ -261,25 +194,31 @@ class RolloutPlanner:
         """
         task = replace(task, world=self._usable_view(task.world))
         problem = problem_of(self._config, self._overhang, task)
-        old = self._old_plan(task, problem)
-        roll_out = self._make_rollout(task.world, rng)
-        if old is None:
-            return plan_by_rollout(self.name, task, problem, roll_out)
-        plan = plan_by_rollout(self.name, task, problem, roll_out, old.cost)
-        if plan.safe and plan.cost < old.cost:
-            return plan
-        return replace(
-            old,
-            evaluations=plan.evaluations,
-            generations=plan.generations,
-            candidates_m=plan.candidates_m,
-        )
-
-    def _old_plan(self, task: PlanningTask, problem: Problem) -> Plan | None:
-        """Return the plan along what lies ahead of the last one, if that is kept and still safe."""
         way = way_ahead(problem, task.previous) if self.keeps_way else None
-        plan = None if way is None else _account_of(self.name, task, problem, way)
-        return plan if plan is not None and plan.safe else None
+        old = None if way is None else self._old_plan(task, problem, way)
+        roll_out = self._make_rollout(task.world, rng)
+        if old is not None:
+            plan = plan_by_rollout(self.name, task, problem, roll_out, old.cost)
+            return plan if plan.safe and plan.cost < old.cost else _told_by(old, plan)
+        plan = plan_by_rollout(self.name, task, problem, roll_out)
+        go_on = None if way is None else self._make_continuation(problem, way, rng)
+        if go_on is None:
+            return plan
+        known = plan.cost if plan.safe else math.inf
+        other = plan_by_rollout(self.name, task, problem, go_on, known)
+        spent = plan.evaluations + other.evaluations
+        better = (not other.safe, other.cost) < (not plan.safe, plan.cost)
+        return replace(other if better else plan, evaluations=spent)
+
+    def _old_plan(self, task: PlanningTask, problem: Problem, way: FloatArray) -> Plan | None:
+        """Return the plan along what lies ahead of the last one, if that is still safe."""
+        plan = _account_of(self.name, task, problem, way)
+        if not plan.safe and problem.overhang_m > 0.0:
+            # A few centimetres off the way, or a wall that is now seen better, are no reason to
+            # go elsewhere: the way bends with them.
+            way, lack = _finish(problem, Rollout(with_room(problem, way), True, 0))
+            plan = _account_of(self.name, task, problem, way, lack)
+        return plan if plan.safe else None
 
     def _usable_view(self, world: WorldView) -> WorldView:
         """Return the view in a form that this planner can use."""
@@ -291,12 +230,57 @@ class RolloutPlanner:
         """Return the function that moves the point; see `plan_by_rollout`."""
         raise NotImplementedError
 
+    def _make_continuation(
+        self, problem: Problem, way: FloatArray, rng: np.random.Generator
+    ) -> Callable[[Problem, int], Rollout] | None:
+        """Return a function that moves the point on from where the last way is blocked now.
+
+        A walk that starts anew knows nothing of what it was doing, for example of the surface that
+        it followed. None if the planner's point has no such state.
+        """
+        return None
+
+
+def clear_part(p: Problem, way: FloatArray) -> FloatArray:
+    """Return the part of a way before the first segment that lacks clearance.
+
+    Args:
+        p: The planning problem.
+        way: (n, 2) waypoints, m, map frame.
+
+    Returns:
+        (k >= 1, 2) its first waypoints, m, map frame.
+    """
+    for n in range(2, len(way) + 1):
+        if lack_of(p, way[n - 2 : n]) > 0.0:
+            return way[: n - 1]
+    return way
+
+
+def _told_by(old: Plan, search: Plan) -> Plan:
+    """Return a kept plan with the account of the search that found nothing better."""
+    return replace(
+        old,
+        evaluations=search.evaluations,
+        generations=search.generations,
+        candidates_m=search.candidates_m,
+    )
+
 
 def _account_of(
     name: str, task: PlanningTask, p: Problem, path: FloatArray, lack_m: float | None = None
 ) -> Plan:
     """Return the plan along a path that nobody has searched for."""
     return account(name, task, p, path, lack_m=lack_m, evaluations=0, generations=0)
+
+
+def _most_growth(p: Problem) -> float:
+    """Return how much the obstacles may grow, m: up to the overhang, but not over the goal.
+
+    A walk to a goal inside an obstacle would go on until its steps are used up.
+    """
+    room = relaxed_clearance(p, p.goal_x, p.goal_y) - (1.0 + _WALK_MARGIN) * p.safe_m
+    return min(p.overhang_m, max(0.0, room))
 
 
 @njit(cache=True)
@@ -320,6 +304,10 @@ def _safest(p: Problem, done: Rollout) -> tuple[FloatArray, float]:
             path, lack = _finish(p, done._replace(path=other))
             if lack == 0.0:
                 return path, lack
+        if done.reached and p.overhang_m > 0.0:
+            bent = _finish(p, done._replace(path=with_room(p, done.path)))
+            if bent[1] < first[1]:
+                return bent
     return first
 
 

@@ -15,7 +15,7 @@ from numba import njit
 
 from simloop.messages import FloatArray
 from simloop.planners.problem.flat_problem import Problem, sample_field
-from simloop.planners.reactive.rollout import nearest_surface
+from simloop.planners.reactive.surface import nearest_surface
 
 BEAMS = 360
 """Number of beams in a scan, and of headings in a sweep, per full turn."""

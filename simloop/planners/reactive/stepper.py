@@ -93,6 +93,20 @@ class Stepper:
         """Number of headings (or whole controllers) evaluated so far."""
         return self._steering.evaluations
 
+    def go_on_along_surface(self, view: LocalView) -> None:
+        """Take up the nearest surface, as if the point had followed it up to here.
+
+        Args:
+            view: What the robot knows.
+        """
+        if not len(view.points):
+            return
+        aside = view.points - (view.x, view.y)
+        dx, dy = aside[int(np.argmin(np.hypot(*aside.T)))]
+        left = math.cos(self._heading) * dy - math.sin(self._heading) * dx
+        self._side = 1 if left >= 0.0 else -1
+        self._stopped_at, self._follow_steps = np.array([view.x, view.y]), 0
+
     def step(self, view: LocalView, goal: FloatArray) -> FloatArray:
         """Choose the robot's next position.
 
