@@ -289,16 +289,16 @@ def test_the_page_needs_no_network_and_shows_what_is_known():
     pytest.importorskip("matplotlib")
     from simloop.benchmarks.papers import page
 
-    request = Drives((*SMALL, Entry(EVERY, "trap", "niwtlbo")), (0, 2))
+    request = Drives((*SMALL, Entry(EVERY, "trap", "potential_field")), (0, 2))
     rows = {one.key: row(one.seed, True, planner=one.planner) for one in request.runs()}
     for one in request.runs():
-        if one.planner == "niwtlbo":
+        if one.planner == "potential_field":
             rows[one.key] = row(one.seed, False)
     found = figures.figures_of(request, rows, some_tables())
     json.dumps(found, allow_nan=False)
     text = page.render(request, rows, found)
     assert all(f'id="{paper.key}"' in text for paper in PAPERS)
-    assert "alike &lt;here&gt;" in text and REASONS["niwtlbo", "trap"].text in text
+    assert "alike &lt;here&gt;" in text and REASONS["potential_field", "trap"].text in text
     assert text.count("<img") >= 6 and 'src="http' not in text and 'href="http' not in text
     assert "0 of 2" in text
 
@@ -315,7 +315,9 @@ def test_figures_without_times_are_those_of_any_machine():
 def test_expensive_planners_get_fewer_seeds_and_cheap_ones_all():
     most = {(one.world, one.planner): one.most for one in default_entries()}
     assert most["experiment", "tlbo"] is None and most["paper_abed_maze", "tlbo"] is None
-    assert most["experiment", "exact"] == 9
+    assert most["experiment", "cma"] == 10
+    owns = [one for one in default_entries() if one.role == "own"]
+    assert len(owns) == 13 and all(one.most is None for one in owns)
     assert all(limit is None or limit >= entries.FEWEST for limit in most.values())
     known = set(registry.available())
     assert set(entries.COST_S) <= known and set(entries.PAPER_COST_S) <= known

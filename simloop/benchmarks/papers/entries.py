@@ -35,13 +35,12 @@ COST_S: Mapping[str, float] = MappingProxyType(
 PAPER_COST_S: Mapping[str, float] = MappingProxyType(
     {
         "potential_field": 6.0,
-        "ga_apf": 10.0,
-        "avoa_online": 15.0,
-        "apso_online": 15.0,
-        "fuzzy_wdo": 15.0,
+        "apso_online": 8.0,
+        "fuzzy_wdo": 8.0,
     }
 )
-"""The same in the papers' worlds, which are larger, and where a planner that fails costs most."""
+"""The same in the papers' worlds, which are larger, and where a planner that fails costs most. The
+papers' own methods are not listed: they get all seeds."""
 
 SHORT: Mapping[str, float] = MappingProxyType(
     {"paper_abed_moving": 5.0, "paper_abed_moving_goal": 5.0}

@@ -10,15 +10,6 @@ _MINIMUM = (
     "the plain field has no way out of a local minimum: attraction and repulsion cancel, and the "
     "point mass stops"
 )
-_ONCE = "a path crosses each of its cross lines once, so it cannot lead back out of a U"
-_DEFORMED = (
-    "one angle for each frontal obstacle turns the attraction, but no angle leads back out of a U"
-)
-_POINT = (
-    "as printed, it plans for a point with d_safe and without the vehicle's overhang, so the "
-    "vehicle often refuses the plan and waits"
-)
-_STEPS = "a rule that chooses one step at a time follows the walls of a dead end; the time runs out"
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,25 +30,8 @@ REASONS: Mapping[tuple[str, str], Reason] = MappingProxyType(
         ("potential_field", world): Reason(_MINIMUM)
         for world in (
             *("experiment", "clutter", "trap", "moving_goal"),
-            *("paper_mohamed_5", "paper_mohamed_50", "paper_mohamed_150", "paper_mohamed_strip"),
+            *("paper_mohamed_5", "paper_mohamed_50", "paper_mohamed_150"),
         )
-    }
-    | {
-        ("niwtlbo", world): Reason(_ONCE)
-        for world in ("experiment", "clutter", "trap", "moving_goal", "paper_wu")
-    }
-    | {
-        ("ga_apf", world): Reason(_DEFORMED)
-        for world in ("experiment", "clutter", "trap", "moving_goal")
-    }
-    | {
-        ("tlbo_paper", world): Reason(_POINT)
-        for world in ("experiment", "clutter", "trap", "moving_goal", "paper_sabiha_four")
-    }
-    | {
-        (name, world): Reason(_STEPS)
-        for name in ("avoa_online", "apso_online", "fuzzy_wdo")
-        for world in ("trap", "paper_abed_trap", "paper_abed_local_minimum", "paper_abed_maze")
     }
 )
 """Planner and world -> reason."""
