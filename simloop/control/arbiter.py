@@ -173,7 +173,7 @@ class VelocityArbiter:
 
     def _permitted(self, wanted: Velocity, now: Situation) -> Velocity:
         """The part of a velocity that cap and reversing permit, on the same arc."""
-        most = self._rate_per_speed * self._top_mps
+        most = float(self._window[3])
         speed, rate = wanted.speed_mps, min(max(wanted.yaw_rate_radps, -most), most)
         if speed < 0.0 and not (now.may_reverse and is_on_trail(now.trail_m, speed, rate)):
             return STILL

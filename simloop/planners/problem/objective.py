@@ -171,10 +171,7 @@ def evaluate(p: Problem, path: FloatArray, m: int, bound: float, stack: FloatArr
         J; any value above ``bound`` once J is certain to exceed ``bound``.
     """
     p.trials[0] += 1
-    length, turning = length_and_turning(path, m)
-    cost = p.length_weight * length + p.turning_weight * turning
-    if p.start_turn_weight > 0.0:
-        cost += p.start_turn_weight * start_turn(p, path, m)
+    cost = plain_cost(p, path, m)
     if cost > bound:
         return cost
     return cost + p.penalty * intrusion(p, path, m, (bound - cost) / p.penalty, stack)

@@ -33,6 +33,7 @@ from simloop.planners.reactive.fuzzy import (
     FuzzySteering,
     fuzzy_turn,
     sector_range,
+    walk_cost,
 )
 from simloop.planners.reactive.sensing import (
     BEAMS,
@@ -42,13 +43,7 @@ from simloop.planners.reactive.sensing import (
     nearest_mover_distance,
     within,
 )
-from simloop.planners.reactive.steering import (
-    AGENTS,
-    GOAL_WEIGHT,
-    ITERATIONS,
-    OBSTACLE_WEIGHT,
-    TURN_WEIGHT,
-)
+from simloop.planners.reactive.steering import AGENTS, ITERATIONS
 from simloop.planners.reactive.stepper import BLOCKED_COST
 from simloop.planners.splitmix import State, below
 
@@ -280,13 +275,7 @@ def cost_of(
         nearest = min(nearest, apart, nearest_mover_distance(view, at_x, at_y))
         if math.hypot(view.target_x - at_x, view.target_y - at_y) < view.step_m:
             break
-    left = math.hypot(view.target_x - at_x, view.target_y - at_y) / view.step_m
-    cost = (
-        GOAL_WEIGHT * left
-        + OBSTACLE_WEIGHT * view.safe_m / max(nearest, 1e-3 * view.safe_m)
-        + TURN_WEIGHT * turned
-    )
-    return cost + BLOCKED_COST * danger
+    return walk_cost(view, at_x, at_y, nearest, turned, danger)
 
 
 @njit(cache=True)

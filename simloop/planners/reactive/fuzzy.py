@@ -214,6 +214,32 @@ def evasive_heading(view: LocalView, asked: float) -> float:
 
 
 @njit(cache=True)
+def walk_cost(
+    view: LocalView, at_x: float, at_y: float, nearest: float, turned: float, danger: float
+) -> float:
+    """Compute the cost of a simulated walk from where it ends and what it met.
+
+    Args:
+        view: What the robot knows.
+        at_x: x of its end, m, map frame.
+        at_y: y of its end, m, map frame.
+        nearest: Least distance to an obstacle or a mover on it, m.
+        turned: Sum of its turns, rad.
+        danger: Threat of the movers on its first step, see `collision_threat`.
+
+    Returns:
+        The cost.
+    """
+    left = math.hypot(view.target_x - at_x, view.target_y - at_y) / view.step_m
+    cost = (
+        GOAL_WEIGHT * left
+        + OBSTACLE_WEIGHT * view.safe_m / max(nearest, 1e-3 * view.safe_m)
+        + TURN_WEIGHT * turned
+    )
+    return cost + BLOCKED_COST * danger
+
+
+@njit(cache=True)
 def controller_cost(view: LocalView, x: FloatArray, heading: float) -> float:
     """Compute the cost of a controller after `SIMULATED_STEPS` steps in what is sensed now.
 
@@ -249,13 +275,7 @@ def controller_cost(view: LocalView, x: FloatArray, heading: float) -> float:
         )
         if math.hypot(view.target_x - at_x, view.target_y - at_y) < view.step_m:
             break
-    left = math.hypot(view.target_x - at_x, view.target_y - at_y) / view.step_m
-    cost = (
-        GOAL_WEIGHT * left
-        + OBSTACLE_WEIGHT * view.safe_m / max(nearest, 1e-3 * view.safe_m)
-        + TURN_WEIGHT * turned
-    )
-    return cost + BLOCKED_COST * danger
+    return walk_cost(view, at_x, at_y, nearest, turned, danger)
 
 
 @njit(cache=True)
