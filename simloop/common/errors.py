@@ -5,6 +5,9 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
+LONGEST_MESSAGE = 1000
+"""Characters of a message, at most."""
+
 
 class InputError(ValueError):
     """Error for wrong input. The command line prints the message and ends with exit code 2.
@@ -16,9 +19,29 @@ class InputError(ValueError):
         """Make the error.
 
         Args:
-            message: The message. Line breaks in it become spaces.
+            message: The message. It may quote the input: line breaks become spaces, control
+                characters are shown as escapes, and a long message is cut in its middle.
         """
-        super().__init__(" ".join(message.split()))
+        super().__init__(printable(message))
+
+
+def printable(text: str, most: int = LONGEST_MESSAGE) -> str:
+    """Make one line of a text that is safe to show in a terminal.
+
+    Args:
+        text: Any text, e.g. with parts of a file.
+        most: Largest number of characters.
+
+    Returns:
+        The text in one line. What cannot be printed, e.g. the escapes that move a terminal's
+        cursor, is written as in Python; the middle of a long text is left out.
+    """
+    half = most // 2
+    if len(text) > 4 * most:  # splitting a huge text would take its memory again
+        text = f"{text[: 2 * most]}{text[-2 * most :]}"
+    line = " ".join(text.split())
+    line = "".join(one if one.isprintable() else ascii(one)[1:-1] for one in line)
+    return line if len(line) <= most else f"{line[: half - 3]} ... {line[-half + 2 :]}"
 
 
 def did_you_mean(given: str, choices: Iterable[str]) -> str:
