@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 
 from simloop.config import DriveConfig, MonitorConfig, VehicleConfig
+from simloop.control.surface_ends import ends_of_surfaces
 from simloop.geometry.footprint import (
     free_fraction,
     near_points,
@@ -25,6 +26,7 @@ from simloop.messages import FloatArray
 _LEAST_PART = 0.1  # less than this part of a velocity is not worth creeping with
 _WINDOW = 4  # points on either side that a point is averaged with
 _ONE_SURFACE_M = 0.05  # neighbours this near lie on one surface
+_WIDEST_SPACING_RAD = 0.035  # rays farther apart say nothing of where a surface ends
 _LOOKS = 4  # places on an arc, besides its start, at which room is measured
 _BETWEEN_SCANS_M = 0.2  # distance that the robot may travel before the next scan, at least
 _SCANS_MISSED = 4  # after so many missing scans the robot stands in any case
@@ -69,13 +71,18 @@ def average_along_surfaces(points: FloatArray, window: int, apart: float) -> Flo
 
 
 @njit(cache=True)
-def _steadied_around(pose: FloatArray, points: FloatArray, window: int, apart: float) -> FloatArray:
-    """(n, 2) in the frame ``pose`` (3,), of points (n, 2) in map: by bearing, and averaged."""
+def _steadied_around(
+    pose: FloatArray, points: FloatArray, window: int, apart: float, spacing: float
+) -> FloatArray:
+    """(n + k, 2) m in the frame ``pose`` (3,), of points (n, 2) in map: averaged, by bearing, and
+    then the k ends of their surfaces, for rays that are ``spacing`` rad apart."""
     near, bearing = points_in(pose, np.zeros(3), points), np.empty(points.shape[0])
     for i in range(near.shape[0]):
         bearing[i] = math.atan2(near[i, 1], near[i, 0])
     order = np.argsort(bearing, kind="mergesort")
-    return average_along_surfaces(near[order], window, apart)
+    near = near[order]
+    ends = ends_of_surfaces(near, spacing, apart)
+    return np.concatenate((average_along_surfaces(near, window, apart), ends))
 
 
 @njit(cache=True)
@@ -181,8 +188,17 @@ class CollisionMonitor:
         drive: DriveConfig,
         vehicle: VehicleConfig,
         scan_s: float = 0.1,
+        rays: int = 360,
     ) -> None:
-        """scan_s: time from one scan to the next, s."""
+        """Make the monitor of a vehicle.
+
+        Args:
+            config: Margin, reaction time and number of scans.
+            drive: Speeds and decelerations.
+            vehicle: The footprint.
+            scan_s: Time from one scan to the next, s.
+            rays: Rays of a scan, evenly over a turn.
+        """
         self.limits = stopping_limits(config, drive, vehicle)
         reach = math.hypot(vehicle.length_m, vehicle.width_m) / 2.0 + config.margin_m
         top = drive.max_speed_mps
@@ -194,6 +210,7 @@ class CollisionMonitor:
         self._scans: deque[FloatArray] = deque(maxlen=config.scans)  # points in map
         self._points = np.empty((0, 2))
         self._pose = np.zeros(3)
+        self._spacing_rad = min(math.tau / rays, _WIDEST_SPACING_RAD)
 
     def observe(
         self, points_m: FloatArray, pose: FloatArray, standing_m: FloatArray | None = None
@@ -208,7 +225,7 @@ class CollisionMonitor:
         self._pose = pose = np.array(pose, np.float64)
         self._scans.append(near_points(np.ascontiguousarray(points_m), pose, self._near_m))
         merged = np.concatenate(self._scans)
-        self._points = _steadied_around(pose, merged, _WINDOW, _ONE_SURFACE_M)
+        self._points = _steadied_around(pose, merged, _WINDOW, _ONE_SURFACE_M, self._spacing_rad)
         if standing_m is not None and len(standing_m):
             near = standing_m[np.hypot(*(standing_m - pose[:2]).T) < self._near_m]
             self._points = np.concatenate((self._points, points_in(pose, _ORIGIN, near)))
