@@ -10,6 +10,7 @@ from typing import Any, Protocol
 
 from simloop.campaign.spec import RunSpec
 from simloop.common.errors import InputError
+from simloop.common.profiler import Profiler
 from simloop.evaluation.referee import Outcome
 from simloop.loop import Simulation
 from simloop.scenario.build import World, build_world
@@ -55,12 +56,17 @@ class Observer(Protocol):
         ...
 
 
-def do_run(spec: RunSpec, observe: Callable[[Scenario, World], Observer] | None = None) -> Row:
+def do_run(
+    spec: RunSpec,
+    observe: Callable[[Scenario, World], Observer] | None = None,
+    profiler: Callable[[], Profiler] = Profiler,
+) -> Row:
     """Simulate one run.
 
     Args:
         spec: The run.
         observe: Makes the observer of the run, just before the run is built. None: no observer.
+        profiler: Makes the profiler of the run.
 
     Returns:
         The run's row: the columns of ``row_of``, every single-valued metric, and the columns of
@@ -72,7 +78,7 @@ def do_run(spec: RunSpec, observe: Callable[[Scenario, World], Observer] | None 
         world = build_world(scenario) if scenario.drawn else _shared_world(replace(spec, seed=0))
         observer = observe(scenario, world) if observe is not None else None
         listeners = [observer.offer] if observer is not None else []
-        simulation = Simulation(scenario, listeners, world=world)
+        simulation = Simulation(scenario, listeners, profiler(), world)
         metrics = simulation.run().metrics
         observed = observer.columns(simulation) if observer is not None else {}
     except InputError as error:

@@ -9,9 +9,16 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from simloop.benchmarks.papers import entries, figures, findings, tables
+from simloop.benchmarks.papers import figures, findings, tables
 from simloop.benchmarks.papers.drive import TIMES, drive
-from simloop.benchmarks.papers.entries import EVERY, WORLDS, Drives, Entry, default_entries
+from simloop.benchmarks.papers.entries import (
+    EVERY,
+    WORLDS,
+    Drives,
+    Entry,
+    default_entries,
+    with_libraries,
+)
 from simloop.benchmarks.papers.papers import LEAD, PAPERS, Drive, Paper
 from simloop.benchmarks.papers.reasons import REASONS, contradicted, reason_of
 from simloop.benchmarks.planners import weights
@@ -73,7 +80,7 @@ def test_only_chooses_by_paper_world_and_planner():
     assert chosen("de") == [("open", "de")]
     assert chosen("tlbo", "open") == [("open", "tlbo")]
     assert chosen("wu") == [("trap", "tlbo")]
-    assert len(Drives((*SMALL, Entry("x", "low", "de", most=1)), (3, 6)).runs()) == 3 * 3 + 1
+    assert len(Drives((*SMALL, Entry("x", "low", "de")), (3, 6)).runs()) == 4 * 3
 
 
 @pytest.mark.parametrize(
@@ -228,7 +235,7 @@ def test_a_folder_of_a_changed_scenario_is_refused(tmp_path):
 
 
 def test_entries_without_their_library_are_left_out():
-    assert [one.planner for one in entries.with_libraries(SMALL, ["de"])] == ["de"]
+    assert [one.planner for one in with_libraries(SMALL, ["de"])] == ["de"]
 
 
 def some_tables():
@@ -312,12 +319,10 @@ def test_figures_without_times_are_those_of_any_machine():
     assert figures.without_times(quick) == figures.without_times(slow)
 
 
-def test_expensive_planners_get_fewer_seeds_and_cheap_ones_all():
-    most = {(one.world, one.planner): one.most for one in default_entries()}
-    assert most["experiment", "tlbo"] is None and most["paper_abed_maze", "tlbo"] is None
-    assert most["experiment", "cma"] == 10
-    owns = [one for one in default_entries() if one.role == "own"]
-    assert len(owns) == 13 and all(one.most is None for one in owns)
-    assert all(limit is None or limit >= entries.FEWEST for limit in most.values())
-    known = set(registry.available())
-    assert set(entries.COST_S) <= known and set(entries.PAPER_COST_S) <= known
+def test_every_entry_of_the_table_gets_every_seed():
+    entries = default_entries()
+    runs = Drives(entries, (0, 20)).runs()
+    assert len(runs) == 20 * len(entries) == len({one.key for one in runs})
+    assert len([one for one in entries if one.role == "own"]) == 13
+    every = {(one.world, one.planner) for one in entries if one.group == "planners"}
+    assert every >= {(world, name) for world in WORLDS for name in registry.available()}

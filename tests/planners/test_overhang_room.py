@@ -85,7 +85,7 @@ class Stands(RolloutPlanner):
     name, keeps_way = "stands", True
 
     def _make_rollout(self, world, rng):
-        return lambda p, attempt: Rollout(np.array([[p.start_x, p.start_y]]), False, 1)
+        return lambda p, attempt, most_m: Rollout(np.array([[p.start_x, p.start_y]]), False, 1)
 
 
 def test_a_kept_way_bends_where_the_wall_turns_out_to_be_nearer():

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from time import process_time
+from time import process_time, thread_time_ns
 
 import numpy as np
 
 from simloop.campaign.spec import RunSpec
 from simloop.campaign.work import TIMING, Row, do_run
+from simloop.common.profiler import Profiler
 from simloop.loop import Simulation, warm_up
 from simloop.messages import GoalReading
 from simloop.scenario.build import World, build_world
@@ -55,7 +56,8 @@ class Trace:
 
         Returns:
             ``path_m`` and ``goal_path_m``, points x, y in map, m, rounded to 1 mm, and
-            ``frame_ms``, the wall time of each planning frame, ms.
+            ``frame_ms``, the processor time of each planning frame, ms: what else runs on the
+            machine does not count.
         """
         if self._last is not None:
             self._path.append((float(self._last.pose_xyyaw[0]), float(self._last.pose_xyyaw[1])))
@@ -90,7 +92,7 @@ def drive(spec: RunSpec) -> Row:
         return Trace()
 
     began = process_time()
-    row = do_run(spec, observe)
+    row = do_run(spec, observe, lambda: Profiler(thread_time_ns))
     return row | {"cpu_s": process_time() - began - loading_s}
 
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any
 
 from simloop.benchmarks.papers.papers import LEAD, PAPERS
@@ -22,37 +21,6 @@ EVERY = "planners"
 WORLDS = ("experiment", "clutter", "trap", "moving_goal")
 """The worlds of that group."""
 
-COST_S: Mapping[str, float] = MappingProxyType(
-    {
-        "avoa_online": 4.0,
-        "fuzzy_wdo": 6.0,
-        "informed_rrt_star": 4.0,
-        "cma": 6.0,
-    }
-)
-"""Processor time of a run in `WORLDS`, s, of each planner that needs more than 3 s."""
-
-PAPER_COST_S: Mapping[str, float] = MappingProxyType(
-    {
-        "potential_field": 6.0,
-        "apso_online": 8.0,
-        "fuzzy_wdo": 8.0,
-    }
-)
-"""The same in the papers' worlds, which are larger, and where a planner that fails costs most. The
-papers' own methods are not listed: they get all seeds."""
-
-SHORT: Mapping[str, float] = MappingProxyType(
-    {"paper_abed_moving": 5.0, "paper_abed_moving_goal": 5.0}
-)
-"""Papers' worlds in which all these planners arrive soon -> processor time of a run, s."""
-
-CELL_S = 60.0
-"""Processor time that an entry may need, s. Its planner gets fewer seeds otherwise, but at least
-`FEWEST`."""
-
-FEWEST = 1
-
 
 @dataclass(frozen=True, slots=True)
 class Entry:
@@ -63,14 +31,12 @@ class Entry:
         world: Name of the scenario.
         planner: Name of the planner.
         role: ``own`` (the paper's method), ``rival``, ``lead`` (the project's planner) or ``any``.
-        most: Largest number of seeds; None: no limit.
     """
 
     group: str
     world: str
     planner: str
     role: str = "any"
-    most: int | None = None
 
 
 def default_entries() -> tuple[Entry, ...]:
@@ -79,33 +45,13 @@ def default_entries() -> tuple[Entry, ...]:
     Returns:
         Every planner of the registry in `WORLDS`, then each paper's methods in its worlds.
     """
-    entries = [
-        Entry(EVERY, world, name, most=affordable(COST_S.get(name)))
-        for world in WORLDS
-        for name in registry.available()
-    ]
+    entries = [Entry(EVERY, world, name) for world in WORLDS for name in registry.available()]
     for paper in PAPERS:
         for drive in paper.drives:
             roles = {drive.own: "own"} | dict.fromkeys(drive.rivals, "rival")
             roles.setdefault(LEAD, "lead")
-            for name, role in roles.items():
-                cost_s = PAPER_COST_S.get(name)
-                if cost_s is not None:
-                    cost_s = SHORT.get(drive.world, cost_s)
-                entries.append(Entry(paper.key, drive.world, name, role, affordable(cost_s)))
+            entries += [Entry(paper.key, drive.world, name, role) for name, role in roles.items()]
     return tuple(entries)
-
-
-def affordable(cost_s: float | None) -> int | None:
-    """Compute how many seeds an entry can afford.
-
-    Args:
-        cost_s: Processor time of a run, s; None if it is short.
-
-    Returns:
-        The largest number of seeds; None for no limit.
-    """
-    return None if cost_s is None else max(FEWEST, int(CELL_S / cost_s))
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,9 +105,8 @@ class Drives:
         Returns:
             A run for each of its seeds.
         """
-        first, last = self.seeds
-        last = last if entry.most is None else min(last, first + entry.most)
-        return [RunSpec(entry.world, entry.planner, (), (), seed) for seed in range(first, last)]
+        seeds = range(*self.seeds)
+        return [RunSpec(entry.world, entry.planner, (), (), seed) for seed in seeds]
 
     def check(self) -> None:
         """Check the request before anything is driven.

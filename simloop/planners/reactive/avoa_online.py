@@ -15,7 +15,6 @@ followed, because a robot that decided step by step would do so. The cheaper wal
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 
@@ -24,7 +23,7 @@ from simloop.planners.problem.clearance import Problem
 from simloop.planners.reactive.controller_search import CompiledFuzzySteering
 from simloop.planners.reactive.heading_search import swarm_steering, vulture_steering
 from simloop.planners.reactive.online import RangeSensor, motion_box, padded_safe_distance
-from simloop.planners.reactive.rollout import Rollout, RolloutPlanner, clear_part
+from simloop.planners.reactive.rollout import RollOut, Rollout, RolloutPlanner, clear_part
 from simloop.planners.reactive.sensing import LocalView
 from simloop.planners.reactive.stepper import Steering, Stepper
 from simloop.planners.splitmix import State, make_state
@@ -50,24 +49,25 @@ class OnlinePlanner(RolloutPlanner):
         """
         raise NotImplementedError
 
-    def _make_rollout(
-        self, world: WorldView, rng: np.random.Generator
-    ) -> Callable[[Problem, int], Rollout]:
+    def _make_rollout(self, world: WorldView, rng: np.random.Generator) -> RollOut:
         state = make_state(rng)
-        return lambda p, attempt: self._roll_out(p, state)
+        return lambda p, attempt, most_m: self._roll_out(p, state, most_m)
 
     def _make_continuation(
         self, problem: Problem, way: FloatArray, rng: np.random.Generator
-    ) -> Callable[[Problem, int], Rollout] | None:
+    ) -> RollOut | None:
         begun, state = clear_part(problem, way), make_state(rng)
         if len(begun) < 2:
             return None
-        return lambda p, attempt: self._roll_out(p, state, begun)
+        return lambda p, attempt, most_m: self._roll_out(p, state, most_m, begun)
 
-    def _roll_out(self, p: Problem, state: State, begun: FloatArray | None = None) -> Rollout:
+    def _roll_out(
+        self, p: Problem, state: State, most_m: float, begun: FloatArray | None = None
+    ) -> Rollout:
         """Step to the goal, until the steps are used up, or the point is stuck.
 
-        ``begun`` (n >= 2, 2) is a way that the point has already gone along a surface.
+        Steps are also used up after ``most_m`` m. ``begun`` (n >= 2, 2) is a way that the point has
+        already gone along a surface.
         """
         safe_m, box = padded_safe_distance(p), motion_box(p)
         step_m, reach_m = STEP_SAFE * p.safe_m, REACH_SAFE * p.safe_m
@@ -78,7 +78,8 @@ class OnlinePlanner(RolloutPlanner):
         ahead = goal - here if begun is None else here - path[-2]
         stepper = Stepper(self.steering(), state, math.atan2(ahead[1], ahead[0]))
         waits, goes_on = 0, begun is not None
-        allowed = len(path) + _LEAST_STEPS + int(_ALLOWED_DETOUR * left / step_m)
+        longest_m = min(_ALLOWED_DETOUR * left, max(most_m, left))
+        allowed = len(path) + _LEAST_STEPS + int(longest_m / step_m)
         while left > 0.0 and len(path) <= allowed and waits < _MOST_WAITS:
             if stepper.circled >= _BOTH_WAYS:
                 break

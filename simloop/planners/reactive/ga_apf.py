@@ -34,7 +34,6 @@ Chosen here, because the paper leaves it open:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -46,7 +45,7 @@ from simloop.planners.problem.account import lack_of
 from simloop.planners.problem.clearance import Problem
 from simloop.planners.reactive.deformed_field import MOST_STEPS, Field, walk
 from simloop.planners.reactive.evolution import POPULATION, Herd, evolve, make_herd
-from simloop.planners.reactive.rollout import Rollout, RolloutPlanner
+from simloop.planners.reactive.rollout import RollOut, Rollout, RolloutPlanner
 from simloop.planners.reactive.surface import inside_bounds
 from simloop.planners.splitmix import State, make_state
 
@@ -119,11 +118,9 @@ class GaApf(RolloutPlanner):
         super().__init__(config, vehicle)
         self._path = np.zeros((MOST_STEPS, 2))
 
-    def _make_rollout(
-        self, world: WorldView, rng: np.random.Generator
-    ) -> Callable[[Problem, int], Rollout]:
+    def _make_rollout(self, world: WorldView, rng: np.random.Generator) -> RollOut:
         discs, state = _discs(world), make_state(rng)
-        return lambda p, attempt: self._search_with_way_back(p, discs, state)
+        return lambda p, attempt, most_m: self._search_with_way_back(p, discs, state)
 
     def _search_with_way_back(self, p: Problem, discs: FloatArray, state: State) -> Rollout:
         """Search from the start and, if no path of a vehicle reaches the goal, from behind it."""

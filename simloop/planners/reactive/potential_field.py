@@ -13,7 +13,6 @@ In a distance field, which has no separate obstacles, only the nearest surface r
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 from numba import njit
@@ -21,7 +20,7 @@ from numba import njit
 from simloop.config import PlannerConfig, VehicleConfig
 from simloop.messages import FloatArray, WorldView
 from simloop.planners.problem.clearance import Problem
-from simloop.planners.reactive.rollout import Rollout, RolloutPlanner
+from simloop.planners.reactive.rollout import RollOut, Rollout, RolloutPlanner
 from simloop.planners.reactive.surface import inside_bounds, nearest_surface
 
 ATTRACTION = 1.0
@@ -121,10 +120,8 @@ class PotentialField(RolloutPlanner):
         super().__init__(config, vehicle)
         self._path = np.zeros((_MOST_STEPS, 2))
 
-    def _make_rollout(
-        self, world: WorldView, rng: np.random.Generator
-    ) -> Callable[[Problem, int], Rollout]:
-        def roll_out(p: Problem, attempt: int) -> Rollout:
+    def _make_rollout(self, world: WorldView, rng: np.random.Generator) -> RollOut:
+        def roll_out(p: Problem, attempt: int, most_m: float) -> Rollout:
             count, reached = follow_force(p, self._path)
             return Rollout(self._path[:count].copy(), reached, count)
 

@@ -23,6 +23,7 @@ from simloop.planners.problem.clearance import (
     relaxed_clearance,
     segment_clearance,
 )
+from simloop.planners.problem.objective import length_of
 from simloop.planners.protocol import PlanningTask
 from simloop.planners.reactive.overhang_room import with_room
 from simloop.planners.tlbo.warm import way_ahead
@@ -31,6 +32,7 @@ TOLERANCE_SHARES = (0.02, 0.005, 0.0)
 """Allowed distances of a simplified path from the trace, in safe distances. The first one that
 costs no clearance is used."""
 _ATTEMPTS = 4
+_LONGEST = 2.0  # times the length of a known path: a walk that goes on for longer is given up
 _WALK_MARGIN = 0.1  # of the safe distance: walks keep a little more than they must
 _LEAST_GROWTH = 0.1  # of the overhang: growth between two attempts
 
@@ -54,6 +56,11 @@ class Rollout(NamedTuple):
     generations: int = 0
     candidates: tuple[FloatArray, ...] = ()
     others: tuple[FloatArray, ...] = ()
+
+
+RollOut = Callable[[Problem, int, float], Rollout]
+"""Moves a point: a function of a problem, the number of the attempt, from 0, and the length, m,
+after which a walk may be given up."""
 
 
 @njit(cache=True)
@@ -110,8 +117,8 @@ def plan_by_rollout(
     name: str,
     task: PlanningTask,
     problem: Problem,
-    roll_out: Callable[[Problem, int], Rollout],
-    known_cost: float = math.inf,
+    roll_out: RollOut,
+    known: Plan | None = None,
 ) -> Plan:
     """Move a point to the goal and turn its trace into a plan.
 
@@ -125,9 +132,9 @@ def plan_by_rollout(
         name: Name of the planner.
         task: The task, with the original world view.
         problem: The planning problem in the view that the planner uses.
-        roll_out: Function of a problem and the number of the attempt, from 0.
-        known_cost: J of a safe path that is known. The attempts end when a path costs more even
-            without regard to its clearance, because larger obstacles make no path cheaper.
+        roll_out: Moves the point.
+        known: A plan with a safe path. The attempts end when a path costs more even without
+            regard to its clearance, because larger obstacles make no path cheaper.
 
     Returns:
         The plan; ``safe`` only if its path keeps the safe distance and reaches the goal.
@@ -135,8 +142,11 @@ def plan_by_rollout(
     best: tuple[float, Rollout, FloatArray] | None = None
     evaluations = 0
     growth, lacking, most = 0.0, 0.0, _most_growth(problem)
+    known_cost, most_m = math.inf, math.inf
+    if known is not None:
+        known_cost, most_m = known.cost, _LONGEST * known.length_m
     for attempt in range(_ATTEMPTS if problem.overhang_m > 0.0 else 1):
-        done = roll_out(with_extra_clearance(problem, growth), attempt)
+        done = roll_out(with_extra_clearance(problem, growth), attempt, most_m)
         evaluations += done.evaluations
         path, lack = _safest(problem, done)
         left = math.hypot(problem.goal_x - path[-1, 0], problem.goal_y - path[-1, 1])
@@ -150,22 +160,15 @@ def plan_by_rollout(
         if done.reached:
             if growth == most:
                 break
+            most_m = min(most_m, _LONGEST * length_of(done.path, len(done.path)))
             more = max(_worst_lack(problem, path), _LEAST_GROWTH * problem.overhang_m)
             lacking, growth = growth, min(growth + more, most)
         else:
             growth = 0.5 * (lacking + growth)
     assert best is not None
     badness, done, path = best
-    return account(
-        name,
-        task,
-        problem,
-        path,
-        lack_m=badness,
-        evaluations=evaluations,
-        generations=done.generations,
-        candidates_m=done.candidates,
-    )
+    spent = {"evaluations": evaluations, "generations": done.generations}
+    return account(name, task, problem, path, lack_m=badness, candidates_m=done.candidates, **spent)
 
 
 class RolloutPlanner:
@@ -198,14 +201,13 @@ class RolloutPlanner:
         old = None if way is None else self._old_plan(task, problem, way)
         roll_out = self._make_rollout(task.world, rng)
         if old is not None:
-            plan = plan_by_rollout(self.name, task, problem, roll_out, old.cost)
+            plan = plan_by_rollout(self.name, task, problem, roll_out, old)
             return plan if plan.safe and plan.cost < old.cost else _told_by(old, plan)
         plan = plan_by_rollout(self.name, task, problem, roll_out)
         go_on = None if way is None else self._make_continuation(problem, way, rng)
         if go_on is None:
             return plan
-        known = plan.cost if plan.safe else math.inf
-        other = plan_by_rollout(self.name, task, problem, go_on, known)
+        other = plan_by_rollout(self.name, task, problem, go_on, plan if plan.safe else None)
         spent = plan.evaluations + other.evaluations
         better = (not other.safe, other.cost) < (not plan.safe, plan.cost)
         return replace(other if better else plan, evaluations=spent)
@@ -224,15 +226,13 @@ class RolloutPlanner:
         """Return the view in a form that this planner can use."""
         return world
 
-    def _make_rollout(
-        self, world: WorldView, rng: np.random.Generator
-    ) -> Callable[[Problem, int], Rollout]:
+    def _make_rollout(self, world: WorldView, rng: np.random.Generator) -> RollOut:
         """Return the function that moves the point; see `plan_by_rollout`."""
         raise NotImplementedError
 
     def _make_continuation(
         self, problem: Problem, way: FloatArray, rng: np.random.Generator
-    ) -> Callable[[Problem, int], Rollout] | None:
+    ) -> RollOut | None:
         """Return a function that moves the point on from where the last way is blocked now.
 
         A walk that starts anew knows nothing of what it was doing, for example of the surface that

@@ -7,7 +7,6 @@ segment). Most of them minimise length alone, because that is how they are defin
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -18,10 +17,10 @@ from simloop.config import PlannerConfig
 from simloop.messages import FloatArray, WorldView
 from simloop.planners.problem.clearance import Problem
 from simloop.planners.protocol import kind_of
-from simloop.planners.reactive.rollout import Rollout, RolloutPlanner
+from simloop.planners.reactive.rollout import RollOut, Rollout, RolloutPlanner
 from simloop.planners.registry import info
 
-DEAR_TRIALS = 6_000
+DEAR_TRIALS = 3_000
 """Largest number of trials of a dear search, so that it fits into a frame of the loop."""
 
 
@@ -73,10 +72,8 @@ class Reference(RolloutPlanner):
             return replace(world, distance_m=np.zeros((0, 0), np.float32))
         return world
 
-    def _make_rollout(
-        self, world: WorldView, rng: np.random.Generator
-    ) -> Callable[[Problem, int], Rollout]:
-        def solve(p: Problem, attempt: int) -> Rollout:
+    def _make_rollout(self, world: WorldView, rng: np.random.Generator) -> RollOut:
+        def solve(p: Problem, attempt: int, most_m: float) -> Rollout:
             before = int(p.trials[0])
             found = self.route(world, p, rng) if kind_of(world) in info(self.name).worlds else None
             straight = np.array([[p.start_x, p.start_y], [p.goal_x, p.goal_y]])
