@@ -57,9 +57,8 @@ def conditions(found: Figures) -> str:
     """
     first, last = found["seeds"]
     return (
-        f"{found['runs_finished']} runs, seeds {first} to {last - 1} (slow planners have fewer), "
-        f"on {found['machine']['cpu']}, several runs at once. Times of frames are wall times: use "
-        "them only for comparison."
+        f"{found['runs_finished']} runs, seeds {first} to {last - 1}, on {found['machine']['cpu']}, "
+        "several runs at once. Times of frames are processor times: use them only for comparison."
     )
 
 
