@@ -57,8 +57,9 @@ def conditions(found: Figures) -> str:
     """
     first, last = found["seeds"]
     return (
-        f"{found['runs_finished']} runs, seeds {first} to {last - 1}, on {found['machine']['cpu']}, "
-        "several runs at once. Times of frames are processor times: use them only for comparison."
+        f"{found['runs_finished']} runs, seeds {first} to {last - 1}, "
+        f"on {found['machine']['cpu']}, several runs at once. Times of frames are processor times: "
+        "use them only for comparison."
     )
 
 
