@@ -122,9 +122,7 @@ class Robot:
             mission.goal_tolerance_m,
             has_camera,
         )
-        self._monitor = CollisionMonitor(
-            config.monitor, drive, vehicle, rates.lidar_s, config.lidar.rays
-        )
+        self._monitor = CollisionMonitor(config.monitor, drive, vehicle, rates.lidar_s)
         self._recovery = Recovery(config.recovery)
         self._watchdog = Watchdog(config.watchdog, rates)
         self._arbiter = VelocityArbiter(

@@ -14,7 +14,6 @@ import numpy as np
 from numba import njit
 
 from simloop.config import DriveConfig, MonitorConfig, VehicleConfig
-from simloop.control.surface_ends import ends_of_surfaces
 from simloop.geometry.footprint import (
     free_fraction,
     near_points,
@@ -26,7 +25,8 @@ from simloop.messages import FloatArray
 _LEAST_PART = 0.1  # less than this part of a velocity is not worth creeping with
 _WINDOW = 4  # points on either side that a point is averaged with
 _ONE_SURFACE_M = 0.05  # neighbours this near lie on one surface
-_WIDEST_SPACING_RAD = 0.035  # rays farther apart say nothing of where a surface ends
+_ONE_PLACE_M = 0.012  # scans from places this near to each other show the same points
+_UNSURE_M = 0.02  # two standard deviations of one range
 _LOOKS = 4  # places on an arc, besides its start, at which room is measured
 _BETWEEN_SCANS_M = 0.2  # distance that the robot may travel before the next scan, at least
 _SCANS_MISSED = 4  # after so many missing scans the robot stands in any case
@@ -35,7 +35,9 @@ _ORIGIN.setflags(write=False)
 
 
 @njit(cache=True)
-def average_along_surfaces(points: FloatArray, window: int, apart: float) -> FloatArray:
+def average_along_surfaces(
+    points: FloatArray, window: int, apart: float, unsure: float = 0.0
+) -> FloatArray:
     """Average each point with its neighbours on the same surface, against range noise.
 
     The noise of a single ray is as large as the monitor's margin. Without averaging it would stop
@@ -47,6 +49,8 @@ def average_along_surfaces(points: FloatArray, window: int, apart: float) -> Flo
         points: (n, 2) points ordered by bearing, m.
         window: Neighbours on either side that count at most.
         apart: Largest distance of a neighbour, m.
+        unsure: How much nearer a point may be than it is read, m, if it has no neighbours. Points
+            with less than the whole window are moved nearer, by what that is more than with it.
 
     Returns:
         (n, 2) averaged points, m, in the same frame and order.
@@ -67,22 +71,23 @@ def average_along_surfaces(points: FloatArray, window: int, apart: float) -> Flo
             sum_y += points[a, 1] + points[b, 1]
             count += 2
         out[i, 0], out[i, 1] = sum_x / count, sum_y / count
+        full = 2 * window + 1
+        if unsure > 0.0 and count < full:
+            nearer = unsure * (1.0 / math.sqrt(count) - 1.0 / math.sqrt(full))
+            out[i] *= max(0.0, 1.0 - nearer / max(math.hypot(out[i, 0], out[i, 1]), 1e-9))
     return out
 
 
 @njit(cache=True)
 def _steadied_around(
-    pose: FloatArray, points: FloatArray, window: int, apart: float, spacing: float
+    pose: FloatArray, points: FloatArray, window: int, apart: float, unsure: float
 ) -> FloatArray:
-    """(n + k, 2) m in the frame ``pose`` (3,), of points (n, 2) in map: averaged, by bearing, and
-    then the k ends of their surfaces, for rays that are ``spacing`` rad apart."""
+    """(n, 2) in the frame ``pose`` (3,), of points (n, 2) in map: by bearing, and averaged."""
     near, bearing = points_in(pose, np.zeros(3), points), np.empty(points.shape[0])
     for i in range(near.shape[0]):
         bearing[i] = math.atan2(near[i, 1], near[i, 0])
     order = np.argsort(bearing, kind="mergesort")
-    near = near[order]
-    ends = ends_of_surfaces(near, spacing, apart)
-    return np.concatenate((average_along_surfaces(near, window, apart), ends))
+    return average_along_surfaces(near[order], window, apart, unsure)
 
 
 @njit(cache=True)
@@ -188,17 +193,8 @@ class CollisionMonitor:
         drive: DriveConfig,
         vehicle: VehicleConfig,
         scan_s: float = 0.1,
-        rays: int = 360,
     ) -> None:
-        """Make the monitor of a vehicle.
-
-        Args:
-            config: Margin, reaction time and number of scans.
-            drive: Speeds and decelerations.
-            vehicle: The footprint.
-            scan_s: Time from one scan to the next, s.
-            rays: Rays of a scan, evenly over a turn.
-        """
+        """scan_s: time from one scan to the next, s."""
         self.limits = stopping_limits(config, drive, vehicle)
         reach = math.hypot(vehicle.length_m, vehicle.width_m) / 2.0 + config.margin_m
         top = drive.max_speed_mps
@@ -209,8 +205,8 @@ class CollisionMonitor:
         self._near_m = reach + stop + max(_BETWEEN_SCANS_M, _SCANS_MISSED * scan_s * top)
         self._scans: deque[FloatArray] = deque(maxlen=config.scans)  # points in map
         self._points = np.empty((0, 2))
+        self._poses: deque[FloatArray] = deque(maxlen=config.scans)
         self._pose = np.zeros(3)
-        self._spacing_rad = min(math.tau / rays, _WIDEST_SPACING_RAD)
 
     def observe(
         self, points_m: FloatArray, pose: FloatArray, standing_m: FloatArray | None = None
@@ -224,8 +220,13 @@ class CollisionMonitor:
         """
         self._pose = pose = np.array(pose, np.float64)
         self._scans.append(near_points(np.ascontiguousarray(points_m), pose, self._near_m))
+        self._poses.append(pose)
         merged = np.concatenate(self._scans)
-        self._points = _steadied_around(pose, merged, _WINDOW, _ONE_SURFACE_M, self._spacing_rad)
+        # A robot that hardly moves sees the same few points of a corner again and again. Each new
+        # draw of their noise would let it creep on, if one in twenty were far enough.
+        moved_m = math.dist(pose[:2], self._poses[0][:2])
+        unsure = _UNSURE_M if moved_m < _ONE_PLACE_M else 0.0
+        self._points = _steadied_around(pose, merged, _WINDOW, _ONE_SURFACE_M, unsure)
         if standing_m is not None and len(standing_m):
             near = standing_m[np.hypot(*(standing_m - pose[:2]).T) < self._near_m]
             self._points = np.concatenate((self._points, points_in(pose, _ORIGIN, near)))
@@ -233,6 +234,7 @@ class CollisionMonitor:
     def forget(self) -> None:
         """Drop all points: the robot stands elsewhere than was believed."""
         self._scans.clear()
+        self._poses.clear()
         self._points = np.empty((0, 2))
 
     def points_at(self, pose: FloatArray) -> FloatArray:

@@ -150,6 +150,27 @@ def test_steadied_points_stay_on_their_surface_and_lone_ones_stay_put():
     np.testing.assert_array_equal(average_along_surfaces(post, 4, 0.05)[40], post[40])
 
 
+def test_few_points_count_as_nearer_and_a_surface_does_not():
+    bearing = np.linspace(-1.0, 1.0, 81)
+    wall = np.column_stack((np.full(81, 0.4), 0.4 * np.tan(bearing)))
+    wall[40] = (0.2, 0.0)
+    sure, unsure = (average_along_surfaces(wall, 4, 0.05, m) for m in (0.0, 0.02))
+    np.testing.assert_array_equal(unsure[30], sure[30])
+    assert unsure[40, 0] == pytest.approx(0.2 - 0.02 * (1.0 - 1.0 / 3.0))
+    assert np.all(np.hypot(*unsure.T) <= np.hypot(*sure.T))
+
+
+def test_a_robot_beside_a_sharp_corner_does_not_creep_on_with_the_noise():
+    """A tip just inside the margin, of which three points are seen from one place, 500 times."""
+    rng, tip, crept = np.random.default_rng(0), np.array([0.2485, -0.229]), 0
+    monitor = monitor_of()
+    for _ in range(500):
+        noise = rng.normal(0.0, 0.01) / np.hypot(*tip)
+        monitor.observe((1.0 + noise) * tip[None, :], ORIGIN)
+        crept += allowed(monitor, 0.05, 0.0, ORIGIN)[0] > 0.0
+    assert crept <= 5
+
+
 @pytest.mark.parametrize("angle", [0.0, 0.5, -0.9])
 def test_a_wall_put_in_front_at_full_speed_is_not_touched(angle):
     """From full speed in the plant, noisy scans each 0.1 s, no plan that knows of the wall."""
