@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -23,6 +23,9 @@ from simloop.cli.common import (
     write_json,
 )
 from simloop.cli.stopping import leaves_at_once, stopping
+
+if TYPE_CHECKING:
+    from simloop.cli.runs import How
 
 Scenes = Annotated[
     list[str] | None,
@@ -204,11 +207,25 @@ def bench_papers(
     check_json(json_file)
     check_redo(redo)
     check_apart({f"{name} of --out": out / name for name in OWN_FILES} | {"--json": json_file}, ())
+    from simloop.cli.runs import How
+
+    how = How(workers or os.cpu_count() or 1, dask, redo is not None, repair)
+    return _bench_papers(json_file, report, out, seeds, only, how, tables)
+
+
+def _bench_papers(
+    json_file: Path | None,
+    report: Path | None,
+    out: Path,
+    seeds: str,
+    only: list[str] | None,
+    how: How,
+    tables: bool,
+) -> int:
     from simloop.benchmarks.papers import entries, figures, page, print_figures
     from simloop.benchmarks.planners import bench
     from simloop.campaign.sweeps import parse_seeds
     from simloop.cli.papers import do_papers
-    from simloop.cli.runs import How
 
     installed = bench.available_planners()
     table = entries.default_entries()
@@ -219,7 +236,6 @@ def bench_papers(
     request.check()
     if report is not None:
         page.check(report)
-    how = How(workers or os.cpu_count() or 1, dask, redo is not None, repair)
     rows, measured = do_papers(request, out, how, tables)
     found = figures.figures_of(request, rows, measured, missing)
     print_figures.print_figures(Console(), found)

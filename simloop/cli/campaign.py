@@ -127,16 +127,20 @@ def campaign(
         if not scenarios or out is None:
             raise InputError("campaign: give at least one SCENARIO and --out DIR, or --compare A B")
         check_redo(redo)
-        from simloop.campaign.spec import Request
-        from simloop.campaign.sweeps import parse_seeds
         from simloop.cli.runs import How
 
-        places = tuple(_absolute(scenario) for scenario in scenarios)
-        rest = (tuple(values or ()) for values in (planner, overrides, sweep))
-        request = Request(places, parse_seeds(seeds), *rest)
+        request = _request(scenarios, seeds, planner, overrides, sweep)
         outputs = _Outputs(out, junit, json_file, record_failures, report)
         how = How(workers or os.cpu_count() or 1, dask, redo is not None, repair)
         return _campaign(request, require or (), outputs, how)
+
+
+def _request(scenarios: Sequence[str], seeds: str, *rest: Sequence[str] | None) -> Request:
+    from simloop.campaign.spec import Request
+    from simloop.campaign.sweeps import parse_seeds
+
+    places = tuple(_absolute(scenario) for scenario in scenarios)
+    return Request(places, parse_seeds(seeds), *(tuple(values or ()) for values in rest))
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,6 +30,9 @@ def leaving_at_once() -> Iterator[None]:
     """End the process with exit code 130 as soon as a signal arrives, and its own children too.
 
     For times in which the command has nothing that must be kept or completed.
+
+    Yields:
+        None.
     """
     with _handled_by(_leave):
         yield
