@@ -137,7 +137,7 @@ def file_name(spec: RunSpec) -> str:
     scenario, planner, sweep = spec.cell
     parts = [Path(scenario).stem, planner, sweep, f"seed{spec.seed}"]
     whole = "_".join(part for part in parts if part)
-    name = re.sub(r"[^A-Za-z0-9_.=-]+", "-", whole)[:_LONGEST_NAME].lstrip(".-")
+    name = re.sub(r"[^A-Za-z0-9_.=-]+", "-", whole)[:_LONGEST_NAME].lstrip("._-")
     if name == whole and parts[0] == scenario and not spec.overrides:
         return name
     return f"{name}_{hashlib.sha256(spec.key.encode('utf-8', 'replace')).hexdigest()[:10]}"

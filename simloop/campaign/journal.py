@@ -317,6 +317,20 @@ def write_results(folder: Path, rows: Sequence[Row]) -> Path:
     Raises:
         InputError: If the file cannot be written.
     """
+    file = folder / "results.parquet"
+    write_bytes(file, parquet_of(rows))
+    return file
+
+
+def parquet_of(rows: Sequence[Row]) -> bytes:
+    """Make a Parquet file of rows.
+
+    Args:
+        rows: The rows. A column that a row lacks is empty there.
+
+    Returns:
+        The content of the file.
+    """
     import io
 
     import pyarrow as pa
@@ -326,9 +340,7 @@ def write_results(folder: Path, rows: Sequence[Row]) -> Path:
     columns = {name: _column(pa, [row.get(name) for row in rows]) for name in names}
     data = io.BytesIO()
     parquet.write_table(pa.table(columns), data)
-    file = folder / "results.parquet"
-    write_bytes(file, data.getvalue())
-    return file
+    return data.getvalue()
 
 
 def read_results(path: Path) -> list[Row]:

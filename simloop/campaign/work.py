@@ -140,11 +140,15 @@ def check_worlds(
     for number, spec in enumerate(cells, start=1):
         scenario = spec.load()
         world = _world_key(scenario)
-        if world not in seen:
-            seen.add(world)
-            _check_one(scenario, seeds)
-        else:
-            make_planner(scenario.config.planner, scenario.config.vehicle)
+        try:
+            if world not in seen:
+                seen.add(world)
+                _check_one(scenario, seeds)
+            else:
+                make_planner(scenario.config.planner, scenario.config.vehicle)
+        except InputError as error:
+            where = "; ".join(part for part in spec.cell[1:] if part)
+            raise InputError(f"{error} ({where})" if where else str(error)) from None
         progress(number)
 
 
