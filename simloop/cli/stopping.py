@@ -14,6 +14,8 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import wraps
+from multiprocessing import resource_tracker, util
+from pathlib import Path
 from types import FrameType
 from typing import ParamSpec
 
@@ -95,11 +97,28 @@ def _leave(number: int, frame: FrameType | None) -> None:
         for child in multiprocessing.active_children():
             child.kill()
     with suppress(Exception):
+        # It removes the semaphores of a pool, which would otherwise be reported as lost.
+        util._run_finalizers(0)  # type: ignore[attr-defined]
+    with suppress(Exception):
+        tracker = getattr(resource_tracker._resource_tracker, "_pid", None)  # ends by itself
+        for pid in _below(os.getpid()) - {tracker}:
+            with suppress(OSError):  # it has just ended
+                os.kill(pid, signal.SIGKILL)
+    with suppress(Exception):
         sys.stdout.flush()
     with suppress(OSError):
         cursor = _SHOW_CURSOR if os.isatty(2) else b""  # a progress bar has hidden it
         _say(cursor + b"interrupted\n")
     os._exit(INTERRUPTED)
+
+
+def _below(pid: int) -> set[int]:
+    """List the processes that a process has started, and those that they have started (Linux)."""
+    found = set()
+    for file in Path(f"/proc/{pid}/task").glob("*/children"):
+        for child in map(int, file.read_text().split()):
+            found |= {child} | _below(child)
+    return found
 
 
 def _say(text: bytes) -> None:
