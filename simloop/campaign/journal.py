@@ -26,6 +26,9 @@ from simloop.common.files import check_directory, write_bytes, write_text
 from simloop.common.input_files import read_text
 from simloop.common.limits import JOURNAL_BYTES, check_limit
 
+_NEEDED = {
+    "scenario": str, "planner": str, "sweep": str, "seed": int, "outcome": str, "success": bool,
+}  # fmt: skip
 _REPAIR = "--repair keeps what is whole"
 
 
@@ -364,9 +367,10 @@ def read_results(path: Path) -> list[Row]:
     except (OSError, pa.ArrowException) as error:
         reason = "no such file" if not file.exists() else str(error).splitlines()[0]
         raise InputError(f"{file}: {reason}") from None
-    needed = {"scenario", "planner", "sweep", "seed", "outcome", "success"}
-    if not rows or not needed <= rows[0].keys():
-        columns = ", ".join(sorted(needed))
+    if not rows or not all(
+        type(row.get(name)) is kind for row in rows for name, kind in _NEEDED.items()
+    ):
+        columns = ", ".join(f"{name} ({kind.__name__})" for name, kind in _NEEDED.items())
         raise InputError(f"{file}: not a campaign's results; it needs rows with {columns}")
     return rows
 

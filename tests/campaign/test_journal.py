@@ -294,6 +294,13 @@ def test_a_journal_that_is_no_file_is_refused(tmp_path):
         seeds_in(tmp_path)
 
 
+@pytest.mark.parametrize("wrong", [{"success": 1}, {"seed": None}, {"outcome": 3}, {"seed": 0.5}])
+def test_results_of_wrong_types_are_refused(tmp_path, wrong):
+    journal.write_results(tmp_path, [row(spec()) | wrong])
+    with pytest.raises(InputError, match=r"results\.parquet: not a campaign's results"):
+        journal.read_results(tmp_path)
+
+
 def mutate(random_, data):
     """Change a journal as disks, editors and kills do."""
     data = bytearray(data)
