@@ -147,15 +147,18 @@ class Journal:
         """
         return [spec for spec in specs if spec.key not in self.rows]
 
-    def forget_errors(self) -> int:
+    def forget_errors(self, specs: Sequence[RunSpec]) -> int:
         """Count the runs with the outcome ``error`` as not finished, so that they are done again.
 
-        Their lines stay in the file until the new ones follow.
+        Their lines stay in the file, and the new ones follow.
+
+        Args:
+            specs: Runs.
 
         Returns:
-            The number of these runs.
+            The number of those of them that ended so.
         """
-        wrong = [key for key, row in self.rows.items() if row["outcome"] == ERROR]
+        wrong = [spec.key for spec in specs if self.rows.get(spec.key, {}).get("outcome") == ERROR]
         for key in wrong:
             del self.rows[key]
         return len(wrong)
@@ -176,6 +179,11 @@ class Journal:
         except OSError as error:
             file.close()
             raise InputError(f"{self._path}: cannot be locked: {error.strerror}") from None
+        if not self._path.exists() or not os.path.samestat(
+            os.fstat(file.fileno()), self._path.stat()
+        ):
+            file.close()  # removed by a campaign that ended between the two lines above
+            raise InputError(f"{self._folder}: another process has just used it; try again")
         self._made += [self._path] if is_new else []
         return file
 

@@ -51,8 +51,8 @@ def check_apart(outputs: Mapping[str, Path | None], inputs: Iterable[str | Path]
     read = {_identity(Path(one)): str(one) for one in inputs if os.path.exists(one)}
     written: dict[object, str] = {}
     for option, path in outputs.items():
-        if path is None:
-            continue
+        if path is None or (path.exists() and not path.is_file()):
+            continue  # a device such as /dev/null can be written twice
         one = _identity(path)
         if one in read:
             raise InputError(f"{option} {path}: this would overwrite the input {read[one]}")

@@ -145,7 +145,9 @@ def bench_planners(
     check_json(json_file)
     from simloop.benchmarks.planners import bench
 
-    check_apart({"--json": json_file}, bench.names(scenes))
+    maps = [name.removesuffix(".scen") for name in bench.names(scenes)]
+    page_file = None if report is None else report / "index.html"
+    check_apart({"--json": json_file, "--report": page_file}, [*bench.names(scenes), *maps])
     request = bench.Request(
         scenes=bench.names(scenes),
         planners=bench.names(planners),
@@ -206,7 +208,9 @@ def bench_papers(
     """
     check_json(json_file)
     check_redo(redo)
-    check_apart({f"{name} of --out": out / name for name in OWN_FILES} | {"--json": json_file}, ())
+    own: dict[str, Path | None] = {f"{name} of --out": out / name for name in OWN_FILES}
+    page_file = None if report is None else report / "index.html"
+    check_apart({**own, "--json": json_file, "--report": page_file}, ())
     from simloop.cli.runs import How
 
     how = How(workers or os.cpu_count() or 1, dask, redo is not None, repair)

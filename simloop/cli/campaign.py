@@ -183,7 +183,7 @@ def _campaign(request: Request, required: Sequence[str], outputs: _Outputs, how:
     outputs.check(request)
     specs = request.runs()
     with Journal(outputs.folder, request, repair=how.repair) as journal:
-        _prepare(journal, request, how)
+        _prepare(journal, request, specs, how)
         stopped = do_missing(journal, specs, how)
         runs = [(spec, journal.rows[spec.key]) for spec in specs if spec.key in journal.rows]
         with stopping("") as stop:
@@ -202,14 +202,14 @@ def _campaign(request: Request, required: Sequence[str], outputs: _Outputs, how:
     return 0 if all(good) else 1
 
 
-def _prepare(journal: Journal, request: Request, how: How) -> None:
+def _prepare(journal: Journal, request: Request, specs: Sequence[RunSpec], how: How) -> None:
     """Take up what is finished, and check each world that is still to be run."""
     from simloop.campaign.work import check_worlds
     from simloop.cli.runs import take_up
     from simloop.common.terminal import counting
 
-    take_up(journal, how)
-    missing = {spec.cell for spec in journal.missing(request.runs())}
+    take_up(journal, specs, how)
+    missing = {spec.cell for spec in journal.missing(specs)}
     cells = [one for one in request.cells() if one.cell in missing]
     with counting(Console(stderr=True), "worlds checked", len(cells)) as show:
         check_worlds(cells, request.seeds, show)

@@ -37,8 +37,9 @@ def do_papers(
         InputError: If the folder cannot be used, or holds other runs.
     """
     with Journal(out, request, repair=how.repair) as journal:
-        take_up(journal, how)
-        stopped = do_missing(journal, request.runs(), how, drive)
+        specs = request.runs()
+        take_up(journal, specs, how)
+        stopped = do_missing(journal, specs, how, drive)
         if stopped:
             return dict(journal.rows), None
         if not with_tables:

@@ -36,17 +36,18 @@ class How:
     repair: bool = False
 
 
-def take_up(journal: Journal, how: How) -> None:
+def take_up(journal: Journal, specs: Sequence[RunSpec], how: How) -> None:
     """Tell what the journal has dropped, and forget the errors if they are done again.
 
     Args:
         journal: The open journal.
-        how: How the runs are done.
+        specs: All runs.
+        how: How they are done.
     """
     for note in journal.notes:
         print(note)
     if how.redo:
-        print(f"{journal.forget_errors()} runs with the outcome error are done again")
+        print(f"{journal.forget_errors(specs)} runs with the outcome error are done again")
 
 
 def do_missing(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from xml.etree import ElementTree as Xml
 
 import pytest
@@ -183,6 +184,7 @@ def test_outputs_and_inputs_are_told_apart_through_links(tmp_path):
     for wrong in (room, link, tmp_path / "." / "room.toml"):
         with pytest.raises(InputError, match=r"--json .*overwrite the input"):
             check_apart({"--json": wrong}, [room, tmp_path / "missing.toml"])
+    check_apart({"--json": Path("/dev/null"), "--junit": Path("/dev/null")}, [])
     same = {"--json": tmp_path / "new", "--junit": tmp_path / "x" / ".." / "new"}
     with pytest.raises(InputError, match="the same file as --json"):
         check_apart(same, [])
