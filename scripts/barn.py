@@ -8,62 +8,35 @@ succeeds within 1 m of the goal. It fails at any contact, and after 100 s.
 
 from __future__ import annotations
 
-import gzip
-import json
 import math
-from collections.abc import Iterator, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
+from dataclasses import asdict, dataclass
 from functools import lru_cache
-from itertools import product
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import typer
+from barn_worlds import LIMIT_S, ORGANISERS, Course, read_worlds, scenario_of
 from rich.console import Console
 
-from simloop.cli.common import check_json, write_json
+from simloop.campaign.sweeps import check_once
+from simloop.cli.apart import check_apart
+from simloop.cli.common import INTERRUPTED, check_json, write_json
 from simloop.cli.main import run_command
+from simloop.cli.stopping import leaving_at_once, stopping
+from simloop.common import pool
 from simloop.common.errors import InputError
-from simloop.common.terminal import counting, print_table
-from simloop.evaluation.shortest_path import shortest_path
+from simloop.common.terminal import checking, counting, print_table
 from simloop.loop import Simulation
 from simloop.messages import Message
 from simloop.scenario.build import World, build_world
-from simloop.scenario.load import apply_override, from_table
-from simloop.scenario.scenario import Scenario
 from simloop.truth import Truth
-from simloop.worlds.gazebo_world import read_sdf
 
-_MOVED_M, _NEAR_M, _LIMIT_S = 0.1, 1.0, 100.0
+_MOVED_M, _NEAR_M = 0.1, 1.0
 _TOP_MPS = 0.47  # top speed of this robot
 _SCORE_MPS = 2.0  # the challenge's speed for the best time
-_HEIGHT_M = 0.6
-_START, _GOAL = (-2.25, 3.0, 0.5 * math.pi), (-2.25, 13.0)
-_RASTER_ORIGIN = np.array([-4.575, 5.075])  # origin of the cells of the organisers' paths, m
-_DISC_M = 0.25  # radius of a disc as wide as the robot
-
-
-@dataclass(frozen=True, slots=True)
-class Course:
-    """A BARN world.
-
-    Attributes:
-        name: Its number as text.
-        cylinders_m: Centre x, y of each cylinder, m, map frame.
-        radius_m: Radius of all cylinders, m.
-        start: x, y, yaw, m and rad, map frame.
-        goal: x, y, m, map frame.
-        path_length_m: Length of the organisers' own path from start to goal, m.
-    """
-
-    name: str
-    cylinders_m: tuple[tuple[float, float], ...]
-    radius_m: float
-    start: tuple[float, float, float]
-    goal: tuple[float, float]
-    path_length_m: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,133 +92,8 @@ class Referee:
         elif math.dist(place, self._course.goal) <= _NEAR_M:
             self.outcome = "reached"
         # A robot that never starts the clock must also end: after twice the time limit.
-        elif self.time_s >= _LIMIT_S or message.t_ns >= 2e9 * _LIMIT_S:
+        elif self.time_s >= LIMIT_S or message.t_ns >= 2e9 * LIMIT_S:
             self.outcome = "timeout"
-
-
-def read_worlds(path: Path) -> dict[str, Course]:
-    """Read BARN worlds.
-
-    Args:
-        path: A JSON file, plain or gzipped, or a folder with files world_N.world.
-
-    Returns:
-        Name -> world, in the order of the file or by N.
-
-    Raises:
-        InputError: The worlds cannot be read.
-    """
-    if path.is_dir():
-        return read_folder(path)
-    try:
-        raw = path.read_bytes()
-        table = json.loads(gzip.decompress(raw) if path.suffix == ".gz" else raw)
-        return {
-            name: Course(
-                name,
-                tuple((float(x), float(y)) for x, y in world["cyl"]),
-                float(world["radius"]),
-                tuple(map(float, world["start"])),  # type: ignore[arg-type]
-                tuple(map(float, world["goal"])),  # type: ignore[arg-type]
-                float(world["path_len"]),
-            )
-            for name, world in table.items()
-        }
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except (ValueError, KeyError, TypeError, EOFError, AttributeError) as error:
-        raise InputError(f"{path}: not a file of BARN worlds: {error!r}") from None
-
-
-def read_folder(folder: Path) -> dict[str, Course]:
-    """Read BARN's Gazebo worlds.
-
-    Args:
-        folder: Folder with files world_N.world and, optionally, the organisers' paths path_N.npy.
-            Without these, the length of the shortest path for this robot is used.
-
-    Returns:
-        N -> world, ascending.
-
-    Raises:
-        InputError: There are no worlds, or one is not a BARN world.
-    """
-    files = sorted(folder.glob("world_*.world"), key=lambda file: (len(file.stem), file.stem))
-    if not files:
-        raise InputError(f"{folder}: contains no world_N.world")
-    return {(name := file.stem.removeprefix("world_")): _from_gazebo(name, file) for file in files}
-
-
-def _from_gazebo(name: str, file: Path) -> Course:
-    """Read a world in Gazebo's format. InputError if it is not a BARN world."""
-    obstacles = read_sdf(file).obstacles
-    if any(one.shape != "cylinder" for one in obstacles) or not obstacles:
-        raise InputError(f"{file}: a BARN world consists of cylinders only")
-    sizes = {one.size_m[0] for one in obstacles}
-    if len(sizes) > 1:
-        raise InputError(f"{file}: cylinders of {len(sizes)} sizes; in a BARN world all are equal")
-    places = tuple(one.position_m for one in obstacles)
-    course = Course(name, places, 0.5 * sizes.pop(), _START, _GOAL, 0.0)
-    return replace(course, path_length_m=_path_length(course, file.with_name(f"path_{name}.npy")))
-
-
-def _path_length(course: Course, file: Path) -> float:
-    """Compute the length of the organisers' path, m.
-
-    Their file holds cells of a raster; start and goal are added. Without a file, it is the length
-    of the shortest path of a disc as wide as the robot.
-    """
-    ends = np.array([course.start[:2], course.goal])
-    if file.exists():
-        try:
-            cells = np.load(file, allow_pickle=False).reshape(-1, 2)
-        except (OSError, ValueError):
-            raise InputError(f"{file}: not an array of cells") from None
-        inner = 2.0 * course.radius_m * cells + _RASTER_ORIGIN
-        path = np.vstack([ends[:1], inner, ends[1:]])
-        return float(np.hypot(*np.diff(path, axis=0).T).sum())
-    floor = _world(course, ()).floor
-    shortest = shortest_path(floor, ends[0], ends[1], _DISC_M)
-    if shortest is None:
-        raise InputError(f"world {course.name}: no path from start to goal")
-    return shortest.length_m
-
-
-def scenario_of(course: Course, overrides: Sequence[str], seed: int) -> Scenario:
-    """Make a scenario of a world.
-
-    Args:
-        course: The world.
-        overrides: Settings as ``key=value``.
-        seed: Seed of the scenario.
-
-    Returns:
-        The scenario. Its time limit leaves the decision to the referee.
-
-    Raises:
-        InputError: An override is wrong.
-    """
-    table: dict[str, Any] = {
-        "name": f"barn_{course.name}",
-        "title": f"BARN world {course.name}",
-        "arena": "field",
-        "start": list(course.start),
-        "goal": list(course.goal),
-        "time_limit_s": 2.0 * _LIMIT_S,
-        "seed": seed,
-        "obstacles": [
-            {
-                "shape": "cylinder",
-                "position_m": [x, y],
-                "size_m": [2.0 * course.radius_m],
-                "height_m": _HEIGHT_M,
-            }
-            for x, y in course.cylinders_m
-        ],
-    }
-    for text in overrides:
-        apply_override(table, text)
-    return from_table(table, source=f"world {course.name}")
 
 
 @lru_cache(maxsize=4)
@@ -279,11 +127,12 @@ def run_one(course: Course, overrides: tuple[str, ...], seed: int) -> Run:
     return Run(course.name, seed, outcome, referee.time_s, score, referee.time_s / limit_s)
 
 
-def figures(runs: Sequence[Run]) -> dict[str, Any]:
+def figures(runs: Sequence[Run], courses: Sequence[Course] = ()) -> dict[str, Any]:
     """Summarise runs.
 
     Args:
         runs: At least one run.
+        courses: Their worlds, to tell the yardstick of each.
 
     Returns:
         Rates over all runs, mean times over the runs that arrived, and the runs of each world.
@@ -295,6 +144,7 @@ def figures(runs: Sequence[Run]) -> dict[str, Any]:
 
     success, collision = rate("reached"), rate("collision")
     worlds = dict.fromkeys(run.world for run in runs)
+    lengths = {one.name: (one.yardstick, one.path_length_m) for one in courses}
     return {
         "runs": len(runs),
         "success_rate": success,
@@ -304,7 +154,11 @@ def figures(runs: Sequence[Run]) -> dict[str, Any]:
         "score_official": _mean([run.score for run in runs]),
         "time_over_limit": _mean([run.time_over_limit for run in arrived]),
         "per_world": [
-            {"world": world, "runs": [asdict(run) for run in runs if run.world == world]}
+            {
+                "world": world,
+                **dict(zip(("yardstick", "path_length_m"), lengths.get(world, ()), strict=False)),
+                "runs": [asdict(run) for run in runs if run.world == world],
+            }
             for world in worlds
         ],
     }
@@ -315,8 +169,33 @@ def _mean(values: Sequence[float]) -> float | None:
     return float(np.mean(values)) if values else None
 
 
+def yardsticks(courses: Sequence[Course]) -> list[str]:
+    """Tell what the times of a run are compared with.
+
+    Args:
+        courses: The worlds.
+
+    Returns:
+        One or two lines.
+    """
+    lines, count = [], len(courses)
+    own = [course.name for course in courses if course.yardstick == ORGANISERS]
+    if own:
+        lines.append(f"yardstick of {len(own)} of {count} worlds: the organisers' own paths")
+    if len(own) < count:
+        lines.append(
+            f"yardstick of {count - len(own)} of {count} worlds: the shortest path for this robot, "
+            "as there is no path_N.npy; scores are not comparable with the challenge's"
+        )
+    return lines
+
+
 def run_all(
-    courses: Sequence[Course], seeds: int, overrides: tuple[str, ...], pool: Executor
+    courses: Sequence[Course],
+    seeds: int,
+    overrides: tuple[str, ...],
+    workers: int,
+    stop: Callable[[], bool] = lambda: False,
 ) -> Iterator[Run]:
     """Run every world with every seed.
 
@@ -324,20 +203,35 @@ def run_all(
         courses: The worlds.
         seeds: Number of runs of each world, with the seeds from 0 on.
         overrides: Settings as ``key=value``.
-        pool: Executor of the runs.
+        workers: Number of processes.
+        stop: Called several times a second. Once it returns True, no further run starts.
 
     Yields:
-        The runs, world by world and by seed.
+        The runs, in the order in which they are finished.
     """
-    jobs = list(product(courses, range(seeds)))
-    yield from pool.map(
-        run_one, [c for c, _ in jobs], [overrides] * len(jobs), [s for _, s in jobs]
-    )
+    jobs = [(course, overrides, seed) for course in courses for seed in range(seeds)]
+    done = pool.run_all(jobs, _do, pool.local_workers(workers), when_lost=_raise_lost, stop=stop)
+    with closing(done):
+        for _, run in done:
+            yield run
+
+
+def _do(job: tuple[Course, tuple[str, ...], int]) -> Run:
+    return run_one(*job)
+
+
+def _raise_lost(job: tuple[Course, tuple[str, ...], int]) -> Run:
+    raise RuntimeError(f"world {job[0].name}, seed {job[2]}: its worker process died twice")
 
 
 def main(
-    worlds: Annotated[Path, typer.Option(help="A JSON file, or a folder of world_N.world.")],
+    worlds: Annotated[
+        Path, typer.Option(help="A JSON file, or a folder of world_N.world, as the organisers'.")
+    ],
     indices: Annotated[list[str] | None, typer.Option(help="Only these worlds.")] = None,
+    paths: Annotated[
+        Path | None, typer.Option(help="Folder of path_N.npy. Default: path_files at the worlds.")
+    ] = None,
     seeds: Annotated[int, typer.Option(min=1)] = 4,
     workers: Annotated[int, typer.Option(min=1)] = 1,
     json_file: Annotated[Path | None, typer.Option("--json")] = None,
@@ -349,39 +243,57 @@ def main(
     Args:
         worlds: A JSON file, plain or gzipped, or a folder of world_N.world.
         indices: Names of the worlds to run; None: all.
+        paths: Folder of the organisers' paths; None: at the worlds.
         seeds: Number of runs of each world, with the seeds from 0 on.
         workers: Number of processes.
         json_file: File for the results; None: no file.
         overrides: Settings as ``key=value``.
 
     Returns:
-        Exit code 0.
+        Exit code 0, or 130 if it was stopped.
 
     Raises:
         InputError: The worlds cannot be read, or a name is unknown.
     """
-    check_json(json_file)
-    known = read_worlds(worlds)
-    if not known:
-        raise InputError(f"{worlds}: contains no worlds")
-    for index in indices or ():
-        if index not in known:
-            raise InputError(f"--indices {index}: no such world in {worlds}")
-    chosen = [known[index] for index in indices or known]
-    runs: list[Run] = []
-    bar = counting(Console(stderr=True), "runs", len(chosen) * seeds)
-    with ProcessPoolExecutor(workers) as pool, bar as show:
-        for run in run_all(chosen, seeds, tuple(overrides or ()), pool):
-            runs.append(run)
-            show(len(runs))
-    found = figures(runs)
+    with leaving_at_once():
+        check_json(json_file)
+        check_once(indices or (), "--indices")
+        if not worlds.is_dir():
+            check_apart({"--json": json_file}, [worlds])
+        if paths is not None and not paths.is_dir():
+            raise InputError(f"--paths {paths}: no such folder")
+        notes = Console(stderr=True)
+        with checking(notes) as said:
+            reading = read_worlds(
+                worlds, indices or (), paths, lambda done, count: said(f"of {count} worlds", done)
+            )
+        chosen = list(reading.values())
+        scenario_of(chosen[0], overrides or (), 0)
+        for line in yardsticks(chosen):
+            print(line)
+        runs: list[Run] = []
+        note = "stopping: the runs under way are finished; once more to end at once"
+        with counting(notes, "runs", len(chosen) * seeds) as show, stopping(note) as stop:
+            for run in run_all(chosen, seeds, tuple(overrides or ()), workers, stop):
+                runs.append(run)
+                show(len(runs))
+            stopped = stop()
+        if runs:
+            _report(runs, chosen, json_file)
+        return INTERRUPTED if stopped else 0
+
+
+def _report(runs: list[Run], courses: Sequence[Course], json_file: Path | None) -> None:
+    """Print the figures and write them as JSON."""
+    order = {course.name: number for number, course in enumerate(courses)}
+    runs.sort(key=lambda run: (order[run.world], run.seed))
+    found = figures(runs, courses)
     rows = [[key, f"{value:.4g}"] for key, value in found.items() if isinstance(value, float | int)]
     print_table(Console(), "BARN", ["figure", "value"], rows)
     for run in runs:
         if run.outcome != "reached":
             print(f"  world {run.world}, seed {run.seed}: {run.outcome} after {run.time_s:.1f} s")
     write_json(json_file, found)
-    return 0
 
 
 if __name__ == "__main__":

@@ -7,20 +7,29 @@ The exit code is 0 if every run reached its goal without a contact, 1 if not, 2 
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
-import sys
-from concurrent.futures import ProcessPoolExecutor
+from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+import typer
 
+from simloop.campaign.contents import files_of
+from simloop.campaign.spec import Request
+from simloop.campaign.sweeps import parse_seeds
+from simloop.campaign.work import check_worlds
+from simloop.cli.apart import check_apart
+from simloop.cli.common import INTERRUPTED, check_json
+from simloop.cli.main import run_command
+from simloop.cli.stopping import leaving_at_once, stopping
+from simloop.common import pool
 from simloop.common.errors import InputError
+from simloop.common.files import write_text
 from simloop.evaluation.referee import Outcome
 from simloop.loop import Simulation
-from simloop.scenario.load import load
+from simloop.scenario.load import load, resolve
 
 _BOUNDS = {"sim_time_s": "s", "path_ratio": "x shortest", "ate_rmse_m": "m", "yaw_deg": "deg",
            "min_clearance_m": "m", "plan_ms_p99": "ms", "nees_mean": "", "spl": ""}  # fmt: skip
@@ -72,38 +81,59 @@ def summarise(runs: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def main() -> int:
-    """Run the command.
+def main(
+    scenario: Annotated[str, typer.Argument(help="A scenario's name, or a TOML file.")],
+    seeds: Annotated[str, typer.Option(metavar="A:B", help="From A to B - 1.")] = "0:50",
+    workers: Annotated[int, typer.Option(min=1)] = 1,
+    overrides: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE")] = None,
+    json_file: Annotated[Path | None, typer.Option("--json")] = None,
+) -> int:
+    """Run many seeds of one scenario.
+    \f
+
+    Args:
+        scenario: The scenario.
+        seeds: The range of the seeds.
+        workers: Number of processes.
+        overrides: Settings as ``key=value``.
+        json_file: File for the metrics of each run; None: no file.
 
     Returns:
         The exit code.
+
+    Raises:
+        InputError: The scenario, a setting or the seeds are wrong, or the file cannot be written.
     """
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("scenario")
-    parser.add_argument("--seeds", default="0:50", help="A:B, from A to B - 1")
-    parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--set", action="append", default=[], dest="overrides")
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
-    first, _, last = options.seeds.partition(":")
-    try:
-        seeds = range(int(first), int(last))
-        load(options.scenario, options.overrides)
-    except (InputError, ValueError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    jobs = [(options.scenario, options.overrides, seed) for seed in seeds]
-    if options.workers > 1:
-        with ProcessPoolExecutor(options.workers) as pool:
-            runs = list(pool.map(run_one, jobs))
-    else:
-        runs = [run_one(job) for job in jobs]
+    with leaving_at_once():
+        request = Request((scenario,), parse_seeds(seeds), (), tuple(overrides or ()))
+        request.check()
+        check_json(json_file)
+        (cell,) = request.cells()
+        check_apart({"--json": json_file}, [resolve(scenario), *files_of(cell.load())])
+        check_worlds([cell], request.seeds)
+        jobs = [(scenario, list(request.overrides), seed) for seed in range(*request.seeds)]
+        note = "stopping: the runs under way are finished; once more to end at once"
+        with stopping(note) as stop:
+            done = pool.run_all(
+                jobs, run_one, pool.local_workers(workers), when_lost=_lost, stop=stop
+            )
+            with closing(done):
+                runs = [run for _, run in done]
+            stopped = stop()
+    runs.sort(key=lambda run: run["seed"])
     print(summarise(runs))
-    if options.json:
-        options.json.write_text(json.dumps(runs, indent=1) + "\n", encoding="utf-8")
+    if json_file is not None:
+        json_file.parent.mkdir(parents=True, exist_ok=True)
+        write_text(json_file, json.dumps(runs, indent=1) + "\n")
+    if stopped:
+        return INTERRUPTED
     good = all(run["outcome"] == Outcome.REACHED and not run["contact_count"] for run in runs)
-    return 0 if good and runs else 1
+    return 0 if good else 1
+
+
+def _lost(job: tuple[str, list[str], int]) -> dict[str, Any]:
+    return {"seed": job[2], "outcome": "its worker process died twice", "contact_count": 0}
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_command(main)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from xml.etree import ElementTree as Xml
@@ -10,6 +11,8 @@ from simloop.campaign.spec import Cell, RunSpec
 from simloop.campaign.thresholds import Verdict
 from simloop.campaign.work import ERROR, Row
 from simloop.common.files import write_bytes
+
+_ILLEGAL = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def write_junit(
@@ -40,8 +43,16 @@ def write_junit(
     for suite in suites.values():
         for kind, tag in (("tests", "testcase"), ("failures", "failure"), ("errors", "error")):
             suite.set(kind, str(len(list(suite.iter(tag)))))
+    for element in root.iter():
+        element.text = _legal(element.text) if element.text else None
+        element.attrib = {key: _legal(value) for key, value in element.attrib.items()}
     Xml.indent(root)
     write_bytes(file, Xml.tostring(root, encoding="utf-8", xml_declaration=True))
+
+
+def _legal(text: str) -> str:
+    """Write the characters that XML 1.0 cannot hold, e.g. control characters, as escapes."""
+    return _ILLEGAL.sub(lambda found: ascii(found[0])[1:-1], text)
 
 
 def _add_run(suite: Xml.Element, spec: RunSpec, row: Row, *, skip: bool) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from simloop.campaign import closer_look
@@ -37,13 +37,19 @@ def check() -> None:
             ) from None
 
 
-def write(folder: Path, runs: Sequence[tuple[RunSpec, Row]], verdicts: Sequence[Verdict]) -> Path:
+def write(
+    folder: Path,
+    runs: Sequence[tuple[RunSpec, Row]],
+    verdicts: Sequence[Verdict],
+    stop: Callable[[], bool] = lambda: False,
+) -> Path:
     """Draw pictures of the worst runs and write ``report.html``.
 
     Args:
         folder: Folder of the report.
         runs: Each run with its row.
         verdicts: The verdicts on these runs.
+        stop: Called several times a second. Once it returns True, no further picture is drawn.
 
     Returns:
         The report's file.
@@ -52,7 +58,7 @@ def write(folder: Path, runs: Sequence[tuple[RunSpec, Row]], verdicts: Sequence[
         InputError: If the file cannot be written.
     """
     file = folder / "report.html"
-    write_text(file, render(runs, verdicts, _pictures(closer_look.worst(runs, _PICTURES))))
+    write_text(file, render(runs, verdicts, _pictures(closer_look.worst(runs, _PICTURES), stop)))
     return file
 
 
@@ -96,11 +102,13 @@ def render(
     return text
 
 
-def _pictures(runs: Sequence[tuple[RunSpec, Row]]) -> list[tuple[RunSpec, Row, str]]:
+def _pictures(
+    runs: Sequence[tuple[RunSpec, Row]], stop: Callable[[], bool]
+) -> list[tuple[RunSpec, Row, str]]:
     found = []
     with tempfile.TemporaryDirectory() as place:
         for spec, row in runs:
-            sheet = closer_look.picture(spec, Path(place))
+            sheet = closer_look.picture(spec, Path(place), stop)
             found.append((spec, row, "" if sheet is None else _as_jpeg(sheet)))
     return found
 

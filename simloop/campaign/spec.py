@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import json
-import re
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+import math
+import shlex
+from dataclasses import asdict, dataclass, replace
 from itertools import product
 from typing import Any
 
-import numpy as np
-
+from simloop.campaign.contents import digests, scenario_digest
+from simloop.campaign.sweeps import (
+    check_keys,
+    check_once,
+    check_scenarios,
+    check_text,
+    sweep_values,
+)
 from simloop.common.errors import InputError
+from simloop.evaluation.provenance import versions
 from simloop.scenario.load import load
 from simloop.scenario.scenario import Scenario
 
@@ -19,8 +26,7 @@ Cell = tuple[str, str, str]
 """Scenario, planner and sweep: the common properties of runs with different seeds."""
 
 _MOST_RUNS = 1_000_000
-_MOST_STEPS = 10_000
-_STEPS = re.compile(r"(-?[\d.eE+-]+):(-?[\d.eE+-]+):([\d.eE+-]+)\Z")
+_SHOWN = 3  # differing versions or files in an error message
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,11 +73,13 @@ class RunSpec:
         """Format the command that does this run alone.
 
         Returns:
-            A line for the shell.
+            A line for the shell, quoted as it needs.
         """
-        parts = ["simloop run", self.scenario, f"--seed {self.seed}"]
-        parts += [f"--planner {self.planner}"] if self.planner else []
-        return " ".join(parts + [f"--set '{text}'" for text in (*self.overrides, *self.sweep)])
+        parts = ["simloop", "run", self.scenario, "--seed", str(self.seed)]
+        parts += ["--planner", self.planner] if self.planner else []
+        for text in (*self.overrides, *self.sweep):
+            parts += ["--set", text]
+        return shlex.join(parts)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,140 +109,84 @@ class Request:
         Raises:
             InputError: If a sweep cannot be read, or there are too many runs.
         """
+        return [replace(one, seed=seed) for one in self.cells() for seed in range(*self.seeds)]
+
+    def cells(self) -> list[RunSpec]:
+        """List the first run of each cell.
+
+        Returns:
+            The runs with the first seed, in the order of ``runs``.
+
+        Raises:
+            InputError: If a sweep cannot be read, or there are too many runs.
+        """
         swept = [sweep_values(text) for text in self.sweeps]
         count = len(self.scenarios) * max(1, len(self.planners)) * (self.seeds[1] - self.seeds[0])
-        count *= int(np.prod([len(values) for values in swept]))
+        count *= math.prod(len(values) for values in swept)
         if count > _MOST_RUNS:
             raise InputError(f"campaign: {count:,} runs are too many; at most {_MOST_RUNS:,}")
-        cells = product(self.scenarios, self.planners or (None,), product(*swept))
         return [
-            RunSpec(scenario, planner, tuple(sweep), self.overrides, seed)
-            for scenario, planner, sweep in cells
-            for seed in range(*self.seeds)
+            RunSpec(scenario, planner, tuple(sweep), self.overrides, self.seeds[0])
+            for scenario, planner, sweep in product(
+                self.scenarios, self.planners or (None,), product(*swept)
+            )
         ]
 
     def check(self) -> None:
         """Load one run of each cell, so that wrong input is found before the first run.
 
         Raises:
-            InputError: If a scenario, a planner or a key is wrong.
+            InputError: If a scenario, a planner or a key is wrong, given twice, or overruled by
+                another option.
         """
-        for spec in first_of_each_cell(self.runs()):
+        check_text((*self.scenarios, *self.planners, *self.overrides, *self.sweeps))
+        check_scenarios(self.scenarios)
+        check_once(self.planners, "--planner")
+        check_keys(self.overrides, self.sweeps, self.planners)
+        for spec in self.cells():
             spec.load()
 
-    @property
-    def condition(self) -> str:
-        """Why a saved request is refused, for the error message."""
-        return "only the seeds may differ"
-
-    def extends(self, other: dict[str, Any]) -> bool:
-        """Tell whether this request differs from a saved one only in its seeds.
+    def refusal(self, mine: dict[str, Any], other: dict[str, Any]) -> str:
+        """Tell why the runs of a saved request cannot be used for this one.
 
         Args:
-            other: The saved request, in the form of ``to_table``.
+            mine: This request, in the form of ``to_table``.
+            other: The saved request, in the same form.
 
         Returns:
-            True if everything else is the same.
+            The reason; empty if only the seeds differ.
         """
-        mine = self.to_table()
-        return {**mine, "seeds": None} == {**other, "seeds": None}
+        if any(mine[key] != other.get(key) for key in ("scenarios", *_OPTIONS)):
+            return "only the seeds may differ"
+        if not isinstance(other.get("contents"), dict) or not isinstance(
+            other.get("versions"), dict
+        ):
+            return "its files and versions were not recorded then"
+        return _difference(mine["contents"], other["contents"], "changed since then") or (
+            _difference(mine["versions"], other["versions"], "another version now")
+        )
 
     def to_table(self) -> dict[str, Any]:
         """Convert the request for JSON.
 
         Returns:
-            Its values by name.
+            Its values by name, the versions of the packages, and ``contents``: a hash of each
+            scenario and of each file that the scenarios name.
         """
-        return {
+        asked = {
             key: list(value) if isinstance(value, tuple) else value
             for key, value in asdict(self).items()
         }
+        loaded = [spec.load() for spec in self.cells()]
+        contents = {name: scenario_digest(name) for name in self.scenarios}
+        return {**asked, "contents": contents | digests(loaded), "versions": versions()}
 
 
-def first_of_each_cell(specs: Sequence[RunSpec]) -> Iterator[RunSpec]:
-    """Choose one run of each cell.
-
-    Args:
-        specs: Runs.
-
-    Yields:
-        The first run of each cell.
-    """
-    seen: set[Cell] = set()
-    for spec in specs:
-        if spec.cell not in seen:
-            seen.add(spec.cell)
-            yield spec
+_OPTIONS = ("planners", "overrides", "sweeps")
 
 
-def parse_seeds(text: str) -> tuple[int, int]:
-    """Read a range of seeds.
-
-    Args:
-        text: ``A:B``, the seeds from A to B-1, or a single number N, which means 0:N.
-
-    Returns:
-        A and B.
-
-    Raises:
-        InputError: If the text is not such a range, or the range is empty.
-    """
-    first, colon, last = text.partition(":")
-    try:
-        seeds = (int(first), int(last)) if colon else (0, int(first))
-    except ValueError:
-        raise InputError(
-            f"--seeds {text}: not a range; write A:B for the seeds from A to B-1, e.g. 0:50"
-        ) from None
-    if seeds[0] < 0 or seeds[1] <= seeds[0]:
-        raise InputError(f"--seeds {text}: an empty range; A:B needs 0 <= A < B")
-    return seeds
-
-
-def sweep_values(text: str) -> list[str]:
-    """Read the values of a sweep.
-
-    Args:
-        text: ``key=v1,v2,...`` or ``key=first:last:step``.
-
-    Returns:
-        ``key=value`` for each value.
-
-    Raises:
-        InputError: If the text is not a sweep, or its range is empty or too long.
-    """
-    key, equals, values = text.partition("=")
-    if not equals or not key.strip() or not values.strip():
-        raise InputError(f"--sweep {text}: not a sweep; write KEY=V1,V2,... or KEY=FIRST:LAST:STEP")
-    steps = _STEPS.match(values.strip())
-    parts = _stepped(text, *steps.groups()) if steps else _split(values)
-    return [f"{key.strip()}={part.strip()}" for part in parts]
-
-
-def _stepped(text: str, first: str, last: str, step: str) -> list[str]:
-    try:
-        low, high, by = float(first), float(last), float(step)
-        count = int(np.floor((high - low) / by + 1e-9)) + 1
-    except (ValueError, ZeroDivisionError, OverflowError):
-        raise InputError(
-            f"--sweep {text}: FIRST:LAST:STEP must be numbers, and STEP not 0"
-        ) from None
-    if by <= 0.0 or not 1 <= count <= _MOST_STEPS:
-        raise InputError(
-            f"--sweep {text}: FIRST:LAST:STEP needs FIRST <= LAST and STEP > 0, "
-            f"and at most {_MOST_STEPS:,} values"
-        )
-    return [f"{low + by * k:.10g}" for k in range(count)]
-
-
-def _split(values: str) -> list[str]:
-    """Split at commas outside brackets and quotes."""
-    parts, depth, quoted = [""], 0, False
-    for sign in values:
-        quoted ^= sign == '"'
-        depth += (sign in "[{") - (sign in "]}") if not quoted else 0
-        if sign == "," and depth == 0 and not quoted:
-            parts.append("")
-        else:
-            parts[-1] += sign
-    return parts
+def _difference(mine: dict[str, str], theirs: dict[str, str], what: str) -> str:
+    """Name what differs between two tables of hashes or versions; empty if nothing does."""
+    names = [name for name in {**mine, **theirs} if mine.get(name) != theirs.get(name)]
+    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    return f"{what}: {', '.join(names[:_SHOWN])}{more}" if names else ""

@@ -10,10 +10,31 @@ import numpy as np
 from scipy.stats import binomtest
 
 from simloop.campaign.spec import Cell
-from simloop.campaign.work import Row
+from simloop.campaign.work import TIMING, Row
 
 FIGURES = ("sim_time_s", "path_ratio", "min_clearance_m", "ate_rmse_m", "energy_j")
 """The figures of a summary and a report. They are taken over the successful runs."""
+
+NUMBERS = (
+    "seed",
+    "sim_time_s",
+    "path_length_m",
+    "shortest_path_m",
+    "spl",
+    "min_clearance_m",
+    "contact_count",
+    "hit_count",
+    "ate_rmse_m",
+    "yaw_rmse_rad",
+    "nees_mean",
+    "distance_to_go_m",
+    "replans",
+    "plan_evaluations",
+    "energy_j",
+    "shear_work_j",
+    *TIMING,
+)
+"""The columns of a row that hold a number, or None where a run has no such figure."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import operator
 import re
 from collections.abc import Callable, Sequence
@@ -9,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from simloop.campaign.spec import Cell
-from simloop.campaign.summary import cells_of, figure_of, spread
+from simloop.campaign.summary import NUMBERS, cells_of, figure_of, spread
 from simloop.campaign.work import OUTCOMES, REACHED, Row
 from simloop.common.errors import InputError, did_you_mean
 
@@ -77,7 +78,8 @@ def parse(text: str) -> Threshold:
         The threshold.
 
     Raises:
-        InputError: If the text is not a threshold, or names an unknown outcome.
+        InputError: If the text is not a threshold, names an unknown outcome or figure, or its limit
+            is no possible value.
     """
     form = _FORM.match(text)
     if form is None:
@@ -90,14 +92,20 @@ def parse(text: str) -> Threshold:
         limit = float(number)
     except ValueError:
         raise InputError(f"--require {text}: {number} is not a number") from None
+    if not math.isfinite(limit):
+        raise InputError(f"--require {text}: the limit is not finite")
     if name.endswith(_RATE):
         _check_rate(text, name.removesuffix(_RATE))
+        if not 0.0 <= limit <= 1.0:
+            raise InputError(f"--require {text}: a rate is a share from 0 to 1, not in percent")
     elif name.rpartition("_")[2] not in _STATISTICS:
         statistics = ", ".join(f"_{one}" for one in _STATISTICS)
         raise InputError(
             f"--require {text}: unknown '{name}'; use a rate, such as success_rate, or a column "
             f"with one of {statistics}, such as sim_time_s_p95"
         )
+    else:
+        _check_figure(text, name.rpartition("_")[0])
     return Threshold(name, sign, limit)
 
 
@@ -110,13 +118,7 @@ def judge(thresholds: Sequence[Threshold], rows: Sequence[Row]) -> list[Verdict]
 
     Returns:
         The verdicts, cell by cell.
-
-    Raises:
-        InputError: If a threshold is about a figure that no row has.
     """
-    for threshold in thresholds:
-        if not threshold.name.endswith(_RATE):
-            _check_figure(threshold, rows)
     return [
         Verdict(threshold, cell, _value(threshold.name, mine))
         for cell, mine in cells_of(rows).items()
@@ -159,10 +161,10 @@ def _check_rate(text: str, outcome: str) -> None:
         raise InputError(f"--require {text}: unknown rate '{outcome}{_RATE}'{hint}")
 
 
-def _check_figure(threshold: Threshold, rows: Sequence[Row]) -> None:
-    figure = threshold.name.rpartition("_")[0]
-    known = {name for row in rows for name in row if figure_of(row, name) is not None}
-    known.add("path_ratio")
-    if any(row["success"] for row in rows) and figure not in known:
-        hint = did_you_mean(figure, known)
-        raise InputError(f"--require {threshold}: unknown figure '{figure}'{hint}")
+def _check_figure(text: str, figure: str) -> None:
+    """Raise InputError for a figure that no run has."""
+    choices = {*NUMBERS, "path_ratio"}
+    if figure not in choices:
+        raise InputError(
+            f"--require {text}: unknown figure '{figure}'{did_you_mean(figure, choices)}"
+        )

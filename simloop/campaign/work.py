@@ -1,19 +1,24 @@
-"""Do one run of a campaign: a pure function of the run's description, for any worker anywhere."""
+"""Do one run of a campaign: a pure function of the run's description, for any worker anywhere.
+
+Each distinct world can be built beforehand, so that wrong input is found before any run.
+"""
 
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any, Protocol
 
 from simloop.campaign.spec import RunSpec
-from simloop.common.errors import InputError
+from simloop.common.errors import InputError, printable
 from simloop.common.profiler import Profiler
 from simloop.evaluation.referee import Outcome
 from simloop.loop import Simulation
+from simloop.planners.registry import make_planner
 from simloop.scenario.build import World, build_world
+from simloop.scenario.save import to_toml
 from simloop.scenario.scenario import Scenario
 from simloop.truth import Published
 
@@ -31,6 +36,10 @@ OUTCOMES = (*Outcome, ERROR)
 
 TIMING = ("wall_time_s", "real_time_factor", "plan_ms_p50", "plan_ms_p99")
 """The columns that depend on the machine's speed. All others are the same on every machine."""
+
+_DRAWS = 3
+"""Seeds that are tried for a world that is drawn from the seed. If one can be built, the scenario
+is right, and a seed without a world is a row of the results."""
 
 
 class Observer(Protocol):
@@ -84,7 +93,7 @@ def do_run(
     except InputError as error:
         return row_of(spec, ERROR, error=str(error))
     except Exception as error:
-        return row_of(spec, ERROR, error=f"{type(error).__name__}: {error}")
+        return row_of(spec, ERROR, error=printable(f"{type(error).__name__}: {error}"))
     finally:
         gc.collect()
     row = row_of(spec, metrics["outcome"])
@@ -117,7 +126,60 @@ def row_of(spec: RunSpec, outcome: str, error: str = "") -> Row:
     }
 
 
+def check_worlds(
+    cells: Iterable[RunSpec],
+    seeds: tuple[int, int],
+    progress: Callable[[int], None] = lambda done: None,
+) -> None:
+    """Check that one run of each cell can begin.
+
+    Args:
+        cells: The first run of each cell.
+        seeds: The first seed of the campaign, and the seed after the last.
+        progress: Called with the number of cells that are checked.
+
+    Raises:
+        InputError: If a world cannot be built, start or goal cannot be used, or a setting or a
+            planner's library is missing.
+    """
+    seen: set[str] = set()
+    for number, spec in enumerate(cells, start=1):
+        scenario = spec.load()
+        world = _world_key(scenario)
+        try:
+            if world not in seen:
+                seen.add(world)
+                _check_one(scenario, seeds)
+            else:
+                make_planner(scenario.config.planner, scenario.config.vehicle)
+        except InputError as error:
+            where = "; ".join(part for part in spec.cell[1:] if part)
+            raise InputError(f"{error} ({where})" if where else str(error)) from None
+        progress(number)
+
+
 @lru_cache(maxsize=4)
 def _shared_world(spec: RunSpec) -> World:
     """Build a world that is the same for all seeds only once per worker."""
     return build_world(spec.load())
+
+
+def _check_one(scenario: Scenario, seeds: tuple[int, int]) -> None:
+    tries = min(seeds[0] + _DRAWS, seeds[1]) if scenario.drawn else seeds[0] + 1
+    for seed in range(seeds[0], tries):
+        one = replace(scenario, seed=seed)
+        try:
+            Simulation(one, world=build_world(one))
+            return
+        except InputError:
+            if seed == tries - 1:
+                raise
+        except Exception:  # a fault of the program, not of the input: each run reports it
+            return
+
+
+def _world_key(scenario: Scenario) -> str:
+    """Describe a scenario without its planner and its seed."""
+    plain = type(scenario.config.planner)()
+    config = replace(scenario.config, planner=plain)
+    return to_toml(replace(scenario, seed=0, config=config))

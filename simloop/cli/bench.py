@@ -8,11 +8,12 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 
+from simloop.cli.apart import OWN_FILES, Redo, Repair, check_apart, check_redo
 from simloop.cli.common import (
     INTERRUPTED,
     JsonFile,
@@ -21,6 +22,10 @@ from simloop.cli.common import (
     compiling_shown,
     write_json,
 )
+from simloop.cli.stopping import leaves_at_once, stopping
+
+if TYPE_CHECKING:
+    from simloop.cli.runs import How
 
 Scenes = Annotated[
     list[str] | None,
@@ -69,6 +74,7 @@ bench_app = typer.Typer(
 
 
 @bench_app.command("loop")
+@leaves_at_once
 def bench_loop(
     json_file: JsonFile = None,
     scenario: Annotated[
@@ -92,10 +98,12 @@ def bench_loop(
     Returns:
         The exit code.
     """
-    from simloop.scenario.load import load
+    from simloop.campaign.contents import files_of
+    from simloop.scenario.load import load, resolve
 
     wanted = load(scenario, overrides or ())
     check_json(json_file)
+    check_apart({"--json": json_file}, [resolve(scenario), *files_of(wanted)])
     from simloop.benchmarks import loop_speed as bench_loop
 
     with compiling_shown(Console(stderr=True)) as report:
@@ -106,6 +114,7 @@ def bench_loop(
 
 
 @bench_app.command("planners")
+@leaves_at_once
 def bench_planners(
     json_file: JsonFile = None,
     scenes: Scenes = None,
@@ -136,6 +145,9 @@ def bench_planners(
     check_json(json_file)
     from simloop.benchmarks.planners import bench
 
+    maps = [name.removesuffix(".scen") for name in bench.names(scenes)]
+    page_file = None if report is None else report / "index.html"
+    check_apart({"--json": json_file, "--report": page_file}, [*bench.names(scenes), *maps])
     request = bench.Request(
         scenes=bench.names(scenes),
         planners=bench.names(planners),
@@ -149,7 +161,8 @@ def bench_planners(
         from simloop.benchmarks.planners import page
 
         page.check(report)
-    result = bench.run(request)
+    with stopping("stopping: what is measured so far is kept; once more to end at once") as stop:
+        result = bench.run(request, stop=stop)
     figures = bench.figures(result)
     bench.print_figures(Console(), figures)
     write_json(json_file, figures)
@@ -159,6 +172,7 @@ def bench_planners(
 
 
 @bench_app.command("papers")
+@leaves_at_once
 def bench_papers(
     json_file: JsonFile = None,
     report: Report = None,
@@ -168,6 +182,8 @@ def bench_papers(
     workers: Workers = 0,
     dask: Dask = None,
     tables: Annotated[bool, typer.Option(help="Measure the papers' tables too.")] = True,
+    redo: Redo = None,
+    repair: Repair = False,
 ) -> int:
     """Drive with every planner, and with each paper's method in its own worlds.
 
@@ -184,14 +200,35 @@ def bench_papers(
         workers: The number of processes. 0: the number of cores.
         dask: The address of a Dask scheduler whose workers are used instead.
         tables: Whether the papers' tables are measured.
+        redo: ``errors`` to repeat the runs that ended with the outcome error.
+        repair: Whether damaged files in ``out`` are repaired.
 
     Returns:
         The exit code.
     """
     check_json(json_file)
+    check_redo(redo)
+    own: dict[str, Path | None] = {f"{name} of --out": out / name for name in OWN_FILES}
+    page_file = None if report is None else report / "index.html"
+    check_apart({**own, "--json": json_file, "--report": page_file}, ())
+    from simloop.cli.runs import How
+
+    how = How(workers or os.cpu_count() or 1, dask, redo is not None, repair)
+    return _bench_papers(json_file, report, out, seeds, only, how, tables)
+
+
+def _bench_papers(
+    json_file: Path | None,
+    report: Path | None,
+    out: Path,
+    seeds: str,
+    only: list[str] | None,
+    how: How,
+    tables: bool,
+) -> int:
     from simloop.benchmarks.papers import entries, figures, page, print_figures
     from simloop.benchmarks.planners import bench
-    from simloop.campaign.spec import parse_seeds
+    from simloop.campaign.sweeps import parse_seeds
     from simloop.cli.papers import do_papers
 
     installed = bench.available_planners()
@@ -203,7 +240,7 @@ def bench_papers(
     request.check()
     if report is not None:
         page.check(report)
-    rows, measured = do_papers(request, out, workers or os.cpu_count() or 1, dask, tables)
+    rows, measured = do_papers(request, out, how, tables)
     found = figures.figures_of(request, rows, measured, missing)
     print_figures.print_figures(Console(), found)
     write_json(json_file, found)
@@ -219,6 +256,7 @@ def bench_papers(
 
 
 @bench_app.command("weights")
+@leaves_at_once
 def bench_weights(
     json_file: JsonFile = None,
     scene: Annotated[str, typer.Option(help="A scene of bench planners.")] = "S1",
@@ -255,6 +293,7 @@ def bench_weights(
 
 
 @bench_app.command("faults")
+@leaves_at_once
 def bench_faults(
     json_file: JsonFile = None,
     seeds: Annotated[int, typer.Option(min=1, help="The number of runs with each fault.")] = 20,
@@ -286,6 +325,7 @@ def bench_faults(
 
 
 @bench_app.command("slam")
+@leaves_at_once
 def bench_slam(
     json_file: JsonFile = None,
     course: Annotated[

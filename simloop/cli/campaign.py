@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,14 +12,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
+from simloop.cli.apart import OWN_FILES, Redo, Repair, check_apart, check_redo
 from simloop.cli.common import INTERRUPTED, JsonFile, Overrides, check_json, write_json
-from simloop.common.errors import InputError
+from simloop.cli.stopping import leaving_at_once, stopping
+from simloop.common.errors import InputError, printable
 
 if TYPE_CHECKING:
+    from simloop.campaign.journal import Journal
     from simloop.campaign.spec import Request, RunSpec
     from simloop.campaign.summary import CellSummary
     from simloop.campaign.thresholds import Threshold, Verdict
     from simloop.campaign.work import Row
+    from simloop.cli.runs import How
 
 Scenarios = Annotated[
     list[str] | None,
@@ -84,6 +88,8 @@ def campaign(
     junit: JUnitFile = None,
     record_failures: FailuresToRecord = 10,
     report: WriteReport = True,
+    redo: Redo = None,
+    repair: Repair = False,
     compare: Compared = None,
     json_file: JsonFile = None,
 ) -> int:
@@ -102,6 +108,8 @@ def campaign(
         scenarios, seeds, planner, sweep, overrides: The runs.
         workers, dask: The processes that do the runs.
         out, require, junit, record_failures, report, json_file: The thresholds and the outputs.
+        redo: ``errors`` to repeat the runs that ended with the outcome ``error``.
+        repair: Whether damaged files of an earlier campaign in ``out`` are repaired.
         compare: The directories or result files of two campaigns, to compare them instead.
 
     Returns:
@@ -110,18 +118,29 @@ def campaign(
     Raises:
         InputError: If an option is wrong or an output cannot be written.
     """
-    check_json(json_file)
-    if compare is not None:
-        return _compare(*compare, json_file)
-    if not scenarios or out is None:
-        raise InputError("campaign: give at least one SCENARIO and --out DIR, or --compare A B")
-    from simloop.campaign.spec import Request, parse_seeds
+    with leaving_at_once():
+        check_json(json_file)
+        if compare is not None:
+            if scenarios or out or require or junit or redo or repair:
+                raise InputError("--compare runs nothing; it goes with --json only")
+            return _compare(*compare, json_file)
+        if not scenarios or out is None:
+            raise InputError("campaign: give at least one SCENARIO and --out DIR, or --compare A B")
+        check_redo(redo)
+        from simloop.cli.runs import How
+
+        request = _request(scenarios, seeds, planner, overrides, sweep)
+        outputs = _Outputs(out, junit, json_file, record_failures, report)
+        how = How(workers or os.cpu_count() or 1, dask, redo is not None, repair)
+        return _campaign(request, require or (), outputs, how)
+
+
+def _request(scenarios: Sequence[str], seeds: str, *rest: Sequence[str] | None) -> Request:
+    from simloop.campaign.spec import Request
+    from simloop.campaign.sweeps import parse_seeds
 
     places = tuple(_absolute(scenario) for scenario in scenarios)
-    rest = (tuple(values or ()) for values in (planner, overrides, sweep))
-    request = Request(places, parse_seeds(seeds), *rest)
-    outputs = _Outputs(out, junit, json_file, record_failures, report)
-    return _campaign(request, require or (), outputs, workers or os.cpu_count() or 1, dask)
+    return Request(places, parse_seeds(seeds), *(tuple(values or ()) for values in rest))
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,47 +153,74 @@ class _Outputs:
     recorded_failures: int
     report: bool
 
-    def check(self) -> None:
+    def check(self, request: Request) -> None:
         """Raise InputError for an output that cannot be written, before the first run."""
         from simloop.campaign import report
-        from simloop.common.files import check_file
+        from simloop.campaign.contents import files_of
+        from simloop.common.files import check_directory, check_file
+        from simloop.scenario.load import resolve
 
         if self.report:
             report.check()
         if self.junit is not None:
             check_file(self.junit, "--junit")
+        check_directory(self.folder, "--out")
+        written = {f"{name} of --out": self.folder / name for name in OWN_FILES}
+        named = [name for cell in request.cells() for name in files_of(cell.load())]
+        check_apart(
+            {**written, "--junit": self.junit, "--json": self.json_file},
+            [*(resolve(one) for one in request.scenarios), *dict.fromkeys(named)],
+        )
 
 
-def _campaign(
-    request: Request, required: Sequence[str], outputs: _Outputs, workers: int, dask: str | None
-) -> int:
+def _campaign(request: Request, required: Sequence[str], outputs: _Outputs, how: How) -> int:
     from simloop.campaign.journal import Journal
     from simloop.campaign.thresholds import parse
     from simloop.cli.runs import do_missing
 
     thresholds = [parse(text) for text in required]
     request.check()
-    outputs.check()
+    outputs.check(request)
     specs = request.runs()
-    with Journal(outputs.folder, request) as journal:
-        stopped = do_missing(journal, specs, workers, dask)
+    with Journal(outputs.folder, request, repair=how.repair) as journal:
+        _prepare(journal, request, specs, how)
+        stopped = do_missing(journal, specs, how)
         runs = [(spec, journal.rows[spec.key]) for spec in specs if spec.key in journal.rows]
-        verdicts = _write_results(outputs, runs, thresholds) if runs else []
+        with stopping("") as stop:
+            verdicts = _write_results(outputs, runs, thresholds) if runs else []
+            stopped = stopped or stop()
+            if not stopped:
+                _look_closer(outputs, runs, verdicts, stop)
+                stopped = stop()
     if stopped:
         print(
             f"interrupted: {len(runs)} of {len(specs)} runs are finished and kept; "
             "give the same command again to continue"
         )
         sys.exit(INTERRUPTED)  # the line above replaces the general message
-    _look_closer(outputs, runs, verdicts)
     good = [v.holds for v in verdicts] if verdicts else [row["success"] for _, row in runs]
     return 0 if all(good) else 1
 
 
+def _prepare(journal: Journal, request: Request, specs: Sequence[RunSpec], how: How) -> None:
+    """Take up what is finished, and check each world that is still to be run."""
+    from simloop.campaign.work import check_worlds
+    from simloop.cli.runs import take_up
+    from simloop.common.terminal import counting
+
+    take_up(journal, specs, how)
+    missing = {spec.cell for spec in journal.missing(specs)}
+    cells = [one for one in request.cells() if one.cell in missing]
+    with counting(Console(stderr=True), "worlds checked", len(cells)) as show:
+        check_worlds(cells, request.seeds, show)
+
+
 def _absolute(scenario: str) -> str:
     """Make the path of a scenario file absolute for workers elsewhere; a name stays unchanged."""
-    path = Path(scenario)
-    return str(path.resolve()) if path.suffix else scenario
+    from simloop.scenario.catalog import scenario_files
+    from simloop.scenario.load import resolve
+
+    return scenario if scenario in scenario_files() else str(resolve(scenario).resolve())
 
 
 def _write_results(
@@ -229,20 +275,33 @@ def _print(summaries: Sequence[CellSummary], verdicts: Sequence[Verdict]) -> Non
 
 
 def _look_closer(
-    outputs: _Outputs, runs: Sequence[tuple[RunSpec, Row]], verdicts: Sequence[Verdict]
+    outputs: _Outputs,
+    runs: Sequence[tuple[RunSpec, Row]],
+    verdicts: Sequence[Verdict],
+    stop: Callable[[], bool],
 ) -> None:
     """Record failed runs, and write the report with pictures of the worst runs."""
     from simloop.campaign import closer_look, report
+    from simloop.campaign.work import ERROR
 
+    errors = [(spec, row) for spec, row in runs if row["outcome"] == ERROR]
+    if errors:
+        spec, row = errors[0]
+        print(f"  {len(errors)} runs ended in an error; --redo errors does them again. The first:")
+        print(f"  {spec.command()}: {printable(row['error'])}")
     failed = closer_look.failures(runs, outputs.recorded_failures)
-    for file in closer_look.record(failed, outputs.folder / "failures"):
+    for file in closer_look.record(failed, outputs.folder / "failures", stop):
         _print_file("failure", file)
-    if outputs.report:
-        _print_file("report", report.write(outputs.folder, runs, verdicts))
+    if outputs.report and not stop():
+        _print_file("report", report.write(outputs.folder, runs, verdicts, stop))
 
 
 def _print_file(what: str, file: Path) -> None:
     Console().print(f"  {what:8} {file}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _results(path: Path) -> tuple[Path, Path]:
+    return path, path / "results.parquet"
 
 
 def _compare(before: Path, after: Path, json_file: Path | None) -> int:
@@ -252,6 +311,7 @@ def _compare(before: Path, after: Path, json_file: Path | None) -> int:
     from simloop.campaign.summary import name_of
     from simloop.common.terminal import print_table
 
+    check_apart({"--json": json_file}, [one for path in (before, after) for one in _results(path)])
     changes = compare.compare(read_results(before), read_results(after))
     rows = [
         [

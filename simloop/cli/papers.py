@@ -13,21 +13,20 @@ from simloop.benchmarks.papers.drive import drive
 from simloop.benchmarks.papers.entries import Drives
 from simloop.campaign.journal import Journal
 from simloop.campaign.work import Row
-from simloop.cli.common import stop_asked
-from simloop.cli.runs import do_missing, workers_at
+from simloop.cli.runs import How, do_missing, take_up, workers_at
+from simloop.cli.stopping import stopping
 from simloop.common.terminal import counting
 
 
 def do_papers(
-    request: Drives, out: Path, workers: int, dask: str | None, with_tables: bool
+    request: Drives, out: Path, how: How, with_tables: bool
 ) -> tuple[Mapping[str, Row], dict[str, Any] | None]:
     """Do what is not finished in a folder yet.
 
     Args:
         request: The drives.
         out: The folder of journal and tables.
-        workers: Number of local processes.
-        dask: Address of a Dask scheduler whose workers are used instead; None: local processes.
+        how: How the drives are done.
         with_tables: Whether the papers' tables are measured.
 
     Returns:
@@ -37,16 +36,20 @@ def do_papers(
     Raises:
         InputError: If the folder cannot be used, or holds other runs.
     """
-    with Journal(out, request) as journal:
-        stopped = do_missing(journal, request.runs(), workers, dask, drive)
+    with Journal(out, request, repair=how.repair) as journal:
+        specs = request.runs()
+        take_up(journal, specs, how)
+        stopped = do_missing(journal, specs, how, drive)
         if stopped:
             return dict(journal.rows), None
         if not with_tables:
             return dict(journal.rows), {}
         done = len(tables.read(out))
         with (
-            workers_at(workers, dask) as where,
-            stop_asked() as stop,
+            workers_at(how.workers, how.dask) as where,
+            stopping(
+                "stopping: the tables under way are finished; once more to end at once"
+            ) as stop,
             counting(Console(stderr=True), "tables", len(tables.PARTS)) as show,
         ):
             show(done)

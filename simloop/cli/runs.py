@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
+from dataclasses import dataclass
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -12,15 +13,47 @@ from simloop.campaign import execute
 from simloop.campaign.journal import Journal
 from simloop.campaign.spec import RunSpec
 from simloop.campaign.work import Row, do_run
-from simloop.cli.common import stop_asked
+from simloop.cli.stopping import stopping
 from simloop.common.pool import Workers, local_workers
+
+_NOTE = "stopping: the runs under way are finished and kept; once more to end them at once"
+
+
+@dataclass(frozen=True, slots=True)
+class How:
+    """How runs are done.
+
+    Attributes:
+        workers: Number of local processes.
+        dask: Address of a Dask scheduler whose workers are used instead; None: local processes.
+        redo: Whether runs that ended with the outcome ``error`` are done again.
+        repair: Whether damaged files of the folder are repaired.
+    """
+
+    workers: int
+    dask: str | None = None
+    redo: bool = False
+    repair: bool = False
+
+
+def take_up(journal: Journal, specs: Sequence[RunSpec], how: How) -> None:
+    """Tell what the journal has dropped, and forget the errors if they are done again.
+
+    Args:
+        journal: The open journal.
+        specs: All runs.
+        how: How they are done.
+    """
+    for note in journal.notes:
+        print(note)
+    if how.redo:
+        print(f"{journal.forget_errors(specs)} runs with the outcome error are done again")
 
 
 def do_missing(
     journal: Journal,
     specs: Sequence[RunSpec],
-    workers: int,
-    dask: str | None,
+    how: How,
     work: Callable[[RunSpec], Row] = do_run,
 ) -> bool:
     """Do the runs that a journal lacks, and add each to the journal as soon as it is finished.
@@ -28,8 +61,7 @@ def do_missing(
     Args:
         journal: The open journal.
         specs: All runs.
-        workers: Number of local processes.
-        dask: Address of a Dask scheduler whose workers are used instead; None: local processes.
+        how: How they are done.
         work: Function that makes the row of a run.
 
     Returns:
@@ -43,9 +75,9 @@ def do_missing(
         return False
     bar = _bar(len(specs), len(missing))
     with (
-        workers_at(workers, dask) as where,
+        workers_at(how.workers, how.dask) as where,
         bar as show,
-        stop_asked() as stop,
+        stopping(_NOTE) as stop,
         closing(execute.run_all(missing, where, stop, work)) as finished,
     ):
         for spec, row in finished:

@@ -35,6 +35,9 @@ NESTING = 64
 NAME_CHARACTERS = 200
 """Length of a name that a file or an option gives."""
 
+JOURNAL_BYTES = 4 * 2**30
+"""Size of a campaign's journal: a million runs without driven paths have some 2 GiB."""
+
 
 def check_limit(value: float, most: float, what: str, unit: str = "") -> None:
     """Check a size before memory is taken for it.

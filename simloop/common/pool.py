@@ -1,11 +1,17 @@
 """Run many independent work items on an executor: processes of this machine, or a cluster.
 
-A few items are submitted at a time. Each result is returned as soon as it is ready.
+A few items are submitted at a time. Each result is returned as soon as it is ready. Worker
+processes never outlive the process that has started them, however it ends.
 """
 
 from __future__ import annotations
 
+import ctypes
+import multiprocessing
+import os
 import signal
+import sys
+import threading
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import (
@@ -14,10 +20,12 @@ from concurrent.futures import (
     Executor,
     Future,
     ProcessPoolExecutor,
+    as_completed,
     wait,
 )
 from contextlib import suppress
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import Any, Generic, TypeVar
 
@@ -26,6 +34,8 @@ Result = TypeVar("Result")
 
 _ITEMS_PER_WORKER = 2  # submitted per worker: none waits for work, and a broken pool loses few
 _CHECK_STOP_EVERY_S = 0.2  # longest wait between two calls of ``stop``
+_END_WITHIN_S = 2.0  # a worker that has not ended by then, e.g. a suspended one, is killed
+_PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +57,7 @@ class WorkerPool(ProcessPoolExecutor):
     """Process pool whose workers can be ended at once.
 
     Each worker starts as a new interpreter. It ignores Ctrl-C, because the parent process decides
-    when its workers end.
+    when its workers end. It ends by itself if the parent process is gone.
     """
 
     def __init__(self, workers: int) -> None:
@@ -57,14 +67,18 @@ class WorkerPool(ProcessPoolExecutor):
             workers: Largest number of processes, at least 1.
         """
         self._context = _RecordingContext()
-        super().__init__(workers, self._context, _ignore_interrupts)
+        super().__init__(workers, self._context, _become_worker, (os.getpid(),))
 
     def end_workers(self) -> None:
         """Cancel all work and end the processes of this pool, but no other process."""
         self.shutdown(wait=False, cancel_futures=True)
-        for process in self._context.started:
+        alive = [process for process in self._context.started if process.is_alive()]
+        for process in alive:
+            process.terminate()
+        for process in alive:
+            process.join(_END_WITHIN_S)
             if process.is_alive():
-                process.terminate()
+                process.kill()
 
 
 def local_workers(count: int) -> Workers:
@@ -86,6 +100,7 @@ def run_all(
     *,
     when_lost: Callable[[Item], Result],
     stop: Callable[[], bool] = lambda: False,
+    finish_started: bool = True,
 ) -> Generator[tuple[Item, Result], None, None]:
     """Process all items and yield the results in the order in which they are finished.
 
@@ -100,8 +115,9 @@ def run_all(
         work: The function that makes an item's result. Picklable like the items.
         workers: The workers that process the items.
         when_lost: Makes the result of an abandoned item, or raises.
-        stop: Called several times a second. After it returns True no further item is started;
-            items that a worker has started are finished.
+        stop: Called several times a second. After it returns True no further item is started.
+        finish_started: Whether items that a worker has started are finished after a stop.
+            Otherwise the workers are ended at once.
 
     Yields:
         Pairs of an item and its result.
@@ -125,6 +141,9 @@ def run_all(
                 yield from [(item, when_lost(item)) for item in lost]
             else:
                 suspects.extend(lost)
+        if pool.busy and not finish_started:
+            pool.abandon()
+            return
         yield from pool.finish()
     except BaseException:  # including GeneratorExit: the caller no longer needs the results
         pool.abandon()
@@ -173,12 +192,9 @@ class _Pool(Generic[Item, Result]):
 
     def finish(self) -> Iterator[tuple[Item, Result]]:
         """Cancel the items not yet started, yield the other results, and end the executor."""
-        for future in self._under_way:
-            future.cancel()
-        for future, item in self._under_way.items():
-            if not future.cancelled():
-                with suppress(*self._deaths):
-                    yield item, future.result()
+        for future in as_completed([one for one in self._under_way if not one.cancel()]):
+            with suppress(*self._deaths):
+                yield self._under_way[future], future.result()
         self._executor.shutdown(wait=True)
 
     def abandon(self) -> None:
@@ -199,11 +215,47 @@ class _RecordingContext(SpawnContext):
         self.started: list[SpawnProcess] = []
 
     def Process(self, *args: Any, **kwargs: Any) -> SpawnProcess:  # type: ignore[override]
-        process = super().Process(*args, **kwargs)
+        process = _DeafProcess(*args, **kwargs)
         self.started.append(process)
         return process
 
 
-def _ignore_interrupts() -> None:
-    """Ignore Ctrl-C. A terminal sends it to the workers too, but their parent must handle it."""
+class _DeafProcess(SpawnProcess):
+    """Process that does not hear Ctrl-C from its first instruction on.
+
+    A terminal sends Ctrl-C to the workers too, but their parent must handle it. A worker that is
+    still importing its modules would end in a traceback.
+    """
+
+    def start(self) -> None:
+        if not hasattr(signal, "pthread_sigmask"):  # Windows
+            super().start()
+            return
+        resource_tracker.ensure_running()  # it would unblock the signal again
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            super().start()  # the process inherits the blocked signal
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _become_worker(parent_pid: int) -> None:
+    """Ignore Ctrl-C, and end this process when its parent process ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    if sys.platform == "linux":
+        # The kernel ends the worker even while it computes in compiled code.
+        with suppress(OSError, AttributeError):
+            ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL))
+        if os.getppid() != parent_pid:  # the parent ended before the line above
+            os._exit(1)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """Wait until the parent process is gone, and end this process. This works on any system."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

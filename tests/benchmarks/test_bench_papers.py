@@ -203,16 +203,17 @@ def test_the_printed_tlbo_plans_without_the_vehicles_overhang():
 
 def test_a_benchmark_resumes_and_does_nothing_twice(tmp_path, monkeypatch):
     from simloop.cli import papers
+    from simloop.cli.runs import How
 
     request = Drives(SMALL, (0, 1), ("open", "tlbo"))
-    rows, found = papers.do_papers(request, tmp_path, 1, None, False)
+    rows, found = papers.do_papers(request, tmp_path, How(1), False)
     assert found == {} and [one["success"] for one in rows.values()] == [True]
 
     def never(spec):
         raise AssertionError("driven again")
 
     monkeypatch.setattr(papers, "drive", never)
-    again, _ = papers.do_papers(request, tmp_path, 1, None, False)
+    again, _ = papers.do_papers(request, tmp_path, How(1), False)
     assert again == rows
     made = figures.figures_of(Drives(SMALL, (0, 1), ("open",)), rows, {})
     assert made["interrupted"] and made["runs_finished"] == 1 and made["runs"] == 2

@@ -182,7 +182,7 @@ def test_the_lead_planners_own_figures_are_complete(name, precise):
 def test_an_interrupt_keeps_what_is_done(monkeypatch):
     real = bench.run_jobs
 
-    def cut(jobs, tasks, *, workers):
+    def cut(jobs, tasks, *, workers, stop):
         for number, done in enumerate(real(jobs, tasks, workers=1)):
             if number == 1:
                 raise KeyboardInterrupt
@@ -193,6 +193,19 @@ def test_an_interrupt_keeps_what_is_done(monkeypatch):
     assert result.interrupted
     assert result.planners("S1") == ["astar"]
     assert bench.figures(result)["scenes"]["S1"]["astar"]["ms_p50"] is None
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_stop_keeps_what_is_done(workers):
+    asked = []
+
+    def stop():
+        asked.append(None)
+        return len(asked) > 2
+
+    request = bench.Request(("S1",), ("astar", "theta_star", "tlbo"), 500, 500, workers=workers)
+    result = bench.run(request, stop=stop)
+    assert result.interrupted and not result.trials_of("S1", "tlbo")
 
 
 @pytest.mark.parametrize(

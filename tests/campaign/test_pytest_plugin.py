@@ -31,7 +31,7 @@ def test_three_lines_make_a_regression_test(pytester: pytest.Pytester):
         [
             "*reached after * s, not within 0.5 s*",
             "*timeout after 0.2 s, *m from the goal*",
-            "*again: simloop run open --seed 0 --set 'time_limit_s=0.2'*",
+            "*again: simloop run open --seed 0 --set time_limit_s=0.2*",
             "*recorded: rerun *.rrd*",
         ]
     )

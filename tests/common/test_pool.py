@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -157,3 +159,75 @@ def test_an_interrupt_ends_the_own_workers_and_no_other_process(bystander, inter
         runner.throw(interrupt)
     wait_until(lambda: not own_workers(bystander))
     assert bystander.is_alive()
+
+
+def report_and_sleep(folder):
+    (folder / f"{os.getpid()}.worker").touch()
+    time.sleep(120.0)
+
+
+def run_for_ever(folder):
+    list(run_all([folder, folder], report_and_sleep, local_workers(2), when_lost=no_loss))
+
+
+def is_gone(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    # A process that nobody has waited for is a zombie: it holds nothing.
+    return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="reads /proc")
+def test_workers_end_with_a_parent_that_is_killed(tmp_path: Path):
+    parent = get_context("spawn").Process(target=run_for_ever, args=(tmp_path,))
+    parent.start()
+    wait_until(lambda: len(list(tmp_path.iterdir())) == 2)
+    parent.kill()
+    parent.join()
+    wait_until(lambda: all(is_gone(int(one.stem)) for one in tmp_path.iterdir()), 10.0)
+
+
+def test_a_worker_notices_the_end_of_its_parent_without_the_kernels_help(tmp_path: Path):
+    code = (
+        "import multiprocessing, time\n"
+        "from simloop.common import pool\n"
+        "multiprocessing.parent_process = lambda: type('Gone', (), {'join': lambda self: None})()\n"
+        "pool._end_with_parent()\n"
+        "print('still here')\n"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (ran.returncode, ran.stdout) == (1, "")
+
+
+def test_a_stop_may_drop_what_has_started():
+    handed = []
+    runner = run_all(
+        [0, 1],
+        sleep_long,
+        local_workers(1),
+        when_lost=no_loss,
+        stop=lambda: bool(handed),
+        finish_started=False,
+    )
+    for item, _ in runner:
+        handed.append(item)
+    assert handed == [0]
+    wait_until(lambda: not active_children())
+
+
+def test_a_worker_does_not_hear_ctrl_c_while_it_starts():
+    # The signal goes to the whole group, as from a terminal, before a worker has its first item.
+    code = (
+        "import os, signal, threading\n"
+        "from simloop.common.pool import local_workers, run_all\n"
+        "if __name__ == '__main__':\n"
+        "    signal.signal(signal.SIGINT, lambda *_: None)\n"
+        "    threading.Timer(0.05, os.killpg, (0, signal.SIGINT)).start()\n"
+        "    print(sorted(run_all([1, 4], abs, local_workers(2), when_lost=str)))\n"
+    )
+    ran = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, start_new_session=True
+    )
+    assert (ran.stdout, ran.stderr) == ("[(1, 1), (4, 4)]\n", "")

@@ -123,10 +123,13 @@ class Drives:
         for one in self.chosen():
             self.runs_of(one)[0].load()
 
-    @property
-    def condition(self) -> str:
-        """Why a saved request is refused, for the error message."""
-        return "its scenarios or its packages' versions differ"
+    def cells(self) -> list[RunSpec]:
+        """List the first run of each entry.
+
+        Returns:
+            The runs.
+        """
+        return [self.runs_of(one)[0] for one in self.chosen()]
 
     def to_table(self) -> dict[str, Any]:
         """Convert the request for JSON.
@@ -141,23 +144,25 @@ class Drives:
             "versions": versions(),
         }
 
-    def extends(self, other: dict[str, Any]) -> bool:
-        """Tell whether the runs of a saved request can be used for this one.
+    def refusal(self, mine: dict[str, Any], other: dict[str, Any]) -> str:
+        """Tell why the runs of a saved request cannot be used for this one.
 
         Args:
-            other: The saved request, in the form of ``to_table``.
+            mine: This request, in the form of ``to_table``.
+            other: The saved request, in the same form.
 
         Returns:
-            True if the versions are equal, and all scenarios that both know are.
+            The reason; empty if the versions are equal, and all scenarios that both know are.
         """
-        mine = self.to_table()
         theirs = other["scenarios"]
         if not isinstance(theirs, dict) or other.get("versions") != mine["versions"]:
-            return False
-        return all(
-            digest is None or theirs.get(world) in (None, digest)
+            return "its packages' versions differ"
+        changed = [
+            world
             for world, digest in mine["scenarios"].items()
-        )
+            if digest is not None and theirs.get(world) not in (None, digest)
+        ]
+        return f"its scenarios differ: {', '.join(changed)}" if changed else ""
 
 
 def with_libraries(entries: Sequence[Entry], names: Sequence[str]) -> tuple[Entry, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -206,15 +206,18 @@ def is_metaheuristic(name: str) -> bool:
     return name not in (LEAD, PRECISE) and info_of(name).metaheuristic
 
 
-def run(request: Request, console: Console | None = None) -> Result:
-    """Measure everything in a request; Ctrl-C ends the measurement early.
+def run(
+    request: Request, console: Console | None = None, stop: Callable[[], bool] = lambda: False
+) -> Result:
+    """Measure everything in a request.
 
     Args:
         request: Settings of the comparison.
         console: Console for the progress; None: the standard error stream.
+        stop: Called several times a second. Once it returns True, the measurement ends.
 
     Returns:
-        The measurements, up to an interrupt if there is one.
+        The measurements, up to a stop or a KeyboardInterrupt if there is one.
 
     Raises:
         InputError: The request is wrong.
@@ -229,7 +232,8 @@ def run(request: Request, console: Console | None = None) -> Result:
     )  # fmt: skip
     with bar:
         try:
-            _measure(result, chosen, bar)
+            _measure(result, chosen, bar, stop)
+            result.interrupted = stop()
         except KeyboardInterrupt:
             result.interrupted = True
     for scene, trials in result.trials.items():
@@ -240,7 +244,9 @@ def run(request: Request, console: Console | None = None) -> Result:
     return result
 
 
-def _measure(result: Result, planners: Sequence[str], bar: Progress) -> None:
+def _measure(
+    result: Result, planners: Sequence[str], bar: Progress, stop: Callable[[], bool]
+) -> None:
     """Load the scenes, run all trials in processes, then time the planners one by one."""
     request = result.request
     step = bar.add_task("scenes", total=None)
@@ -254,13 +260,13 @@ def _measure(result: Result, planners: Sequence[str], bar: Progress) -> None:
     )  # fmt: skip
     bar.update(step, description="plans", total=len(jobs), completed=0)
     workers = request.workers or os.cpu_count() or 1
-    for job, trials in run_jobs(jobs, result.tasks, workers=workers):
+    for job, trials in run_jobs(jobs, result.tasks, workers=workers, stop=stop):
         result.trials.setdefault(result.tasks[job.task].scene, []).extend(trials)
         bar.advance(step)
-    _time(result, planners, bar)
+    _time(result, planners, bar, stop)
 
 
-def _time(result: Result, planners: Sequence[str], bar: Progress) -> None:
+def _time(result: Result, planners: Sequence[str], bar: Progress, stop: Callable[[], bool]) -> None:
     """Time the planners with nothing else running, on the first instance of each scene.
 
     By default the lead planner is measured on S1 to S4 with many plans instead.
@@ -268,6 +274,8 @@ def _time(result: Result, planners: Sequence[str], bar: Progress) -> None:
     pairs = [(scene, name) for scene in result.scenes() for name in planners]
     step = bar.add_task("timing", total=len(pairs))
     for scene, name in pairs:
+        if stop():
+            return
         bar.advance(step)
         tasks = [task for task in result.tasks if task.scene == scene]
         if result.request.seeds is None and name in _LEAD_PLANS and scene in SCENE_NAMES:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 
@@ -80,31 +80,42 @@ def make_jobs(
     return jobs
 
 
-def do_job(job: Job, one: Instance) -> list[Trial]:
+def do_job(job: Job, one: Instance, stop: Callable[[], bool] = lambda: False) -> list[Trial]:
     """Run the trials of one job.
 
     Args:
         job: The job.
         one: The instance of the job's task.
+        stop: Called before each trial. Once it returns True, no further trial begins.
 
     Returns:
-        One trial for each of the job's seeds.
+        One trial for each of the job's seeds, up to a stop.
     """
     config = settings(job.planner, one, job.budget, job.learners)
-    return [try_once(job.planner, one, seed, config, history=job.history) for seed in job.seeds]
+    return [
+        try_once(job.planner, one, seed, config, history=job.history)
+        for seed in job.seeds
+        if not stop()
+    ]
 
 
 def run_jobs(
-    jobs: Sequence[Job], tasks: Sequence[Task], *, workers: int
+    jobs: Sequence[Job],
+    tasks: Sequence[Task],
+    *,
+    workers: int,
+    stop: Callable[[], bool] = lambda: False,
 ) -> Iterator[tuple[Job, list[Trial]]]:
     """Run the jobs and yield the trials of each job as soon as it is finished.
 
-    On KeyboardInterrupt the unfinished jobs are dropped and the workers are ended.
+    On a stop or a KeyboardInterrupt the unfinished jobs are dropped and the workers are ended.
 
     Args:
         jobs: The jobs.
         tasks: The tasks that the jobs refer to by index.
         workers: The number of processes. With 1, the jobs run in this process, in order.
+        stop: Called several times a second, or before each plan in this process. Once it returns
+            True, the jobs under way are dropped.
 
     Yields:
         Pairs of a job and its trials.
@@ -114,10 +125,20 @@ def run_jobs(
     """
     if workers <= 1:
         for job in jobs:
-            yield job, do_job(job, tasks[job.task].instance)
+            trials = do_job(job, tasks[job.task].instance, stop)
+            if stop():
+                return
+            yield job, trials
         return
     items = [(job, tasks[job.task].instance) for job in jobs]
-    results = pool.run_all(items, _do_item, pool.local_workers(workers), when_lost=_raise_lost)
+    results = pool.run_all(
+        items,
+        _do_item,
+        pool.local_workers(workers),
+        when_lost=_raise_lost,
+        stop=stop,
+        finish_started=False,
+    )
     with closing(results):
         for (job, _), trials in results:
             yield job, trials

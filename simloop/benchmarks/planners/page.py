@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from simloop.benchmarks.planners.tasks import load_scene
 from simloop.benchmarks.planners.weights import PRINTED, study
 from simloop.common.errors import InputError
 from simloop.common.files import check_directory, write_text
+from simloop.common.pool import local_workers, run_all
 
 _TEMPLATE = Path(__file__).with_name("page.html.j2")
 
@@ -48,9 +48,19 @@ def measure_tables(workers: int) -> list[PaperTable]:
     Returns:
         The tables, paper by paper.
     """
-    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
-        futures = [pool.submit(make) for make in paper_tables.TABLES]
-        return [table for future in futures for table in future.result()]
+    makers = range(len(paper_tables.TABLES))
+    done = run_all(makers, _make_tables, local_workers(workers), when_lost=_raise_lost)
+    with closing(done):
+        found = dict(done)
+    return [table for number in makers for table in found[number]]
+
+
+def _make_tables(number: int) -> list[PaperTable]:
+    return paper_tables.TABLES[number]()
+
+
+def _raise_lost(number: int) -> list[PaperTable]:
+    raise RuntimeError(f"{paper_tables.TABLES[number].__name__}: its worker process died twice")
 
 
 def write(directory: Path, result: Result, figures: dict[str, Any]) -> Path:
