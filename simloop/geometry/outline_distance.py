@@ -218,7 +218,7 @@ def _narrow(
     return kept
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _fill(
     x: FloatArray,
     y: FloatArray,

@@ -62,6 +62,8 @@ class FloorPlan:
             are no obstacles.
         bounds_m: (4,) x_min, y_min, x_max, y_max of the free space in map, m.
         sections: the outlines.
+        outlines: the same in arrays.
+        index: the outlines that can be the nearest in each block of the raster, if there are any.
     """
 
     origin_m: FloatArray
@@ -69,12 +71,12 @@ class FloorPlan:
     distance_m: NDArray[np.float32]
     bounds_m: FloatArray
     sections: tuple[Section, ...] = field(repr=False)
-    _outlines: Outlines = field(init=False, repr=False)
-    _index: Index | None = field(init=False, repr=False)
+    outlines: Outlines = field(init=False, repr=False)
+    index: Index | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_outlines", _packed(self.sections))
-        object.__setattr__(self, "_index", None)
+        object.__setattr__(self, "outlines", _packed(self.sections))
+        object.__setattr__(self, "index", None)
         for array in (self.origin_m, self.distance_m, self.bounds_m):
             array.setflags(write=False)
 
@@ -88,7 +90,7 @@ class FloorPlan:
             (N,) distances, m, negative inside; inf if there are no obstacles.
         """
         points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
-        return distances(points, self._outlines, self._index)
+        return distances(points, self.outlines, self.index)
 
     def nearest(self, point_m: Sequence[float] | FloatArray) -> tuple[float, str]:
         """Find the obstacle nearest to a point.
@@ -102,7 +104,7 @@ class FloorPlan:
         """
         if not self.sections:
             return math.inf, "nothing"
-        each = each_distance(np.asarray(point_m, dtype=np.float64), self._outlines)
+        each = each_distance(np.asarray(point_m, dtype=np.float64), self.outlines)
         least = float(each.min())
         return least, min(self.sections[s].name for s in np.flatnonzero(each == least))
 
@@ -151,7 +153,7 @@ def rasterise(
     distance, index = raster(x, y, _packed(sections))
     plan = FloorPlan(bounds[:2].copy(), resolution_m, distance, bounds, tuple(sections))
     # A copy with other sections must not keep the index, so it is no argument of the constructor.
-    object.__setattr__(plan, "_index", index)
+    object.__setattr__(plan, "index", index)
     return plan
 
 
