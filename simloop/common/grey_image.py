@@ -8,6 +8,9 @@ import cv2
 import numpy as np
 
 from simloop.common.errors import InputError
+from simloop.common.input_files import read_bytes
+from simloop.common.limits import PICTURE_BYTES
+from simloop.common.pictures import check_picture_size
 from simloop.messages import FloatArray
 
 _MOST_PIXELS = 16_000_000
@@ -26,18 +29,13 @@ def read_grey(file: str) -> FloatArray:
     Raises:
         InputError: If the file cannot be read, is not such an image, or is too large.
     """
-    try:
-        data = Path(file).read_bytes()
-    except OSError as error:
-        raise InputError(f"image {file}: cannot be read: {error.strerror}") from None
-    raw = np.frombuffer(data, np.uint8)
+    check_picture_size(Path(file), _MOST_PIXELS)
+    raw = np.frombuffer(read_bytes(Path(file), PICTURE_BYTES), np.uint8)
     try:
         image = cv2.imdecode(raw, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH) if len(raw) else None
     except cv2.error:
         image = None
     if image is None or image.dtype not in (np.uint8, np.uint16):
         raise InputError(f"image {file}: not a PNG image of 8 or 16 bits")
-    if image.size > _MOST_PIXELS:
-        raise InputError(f"image {file}: {image.size:,} pixels; at most {_MOST_PIXELS:,}")
     white = 255.0 if image.dtype == np.uint8 else 65535.0
     return np.ascontiguousarray(image[::-1].astype(np.float64) / white)

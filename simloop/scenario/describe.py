@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from simloop.common.data_files import models_dir
-from simloop.scenario.scenario import Scenario
+from simloop.scenario.scenario import MAP_FILES, Scenario
 from simloop.worlds.arena import assemble, bounds_of_spec
 from simloop.worlds.body import Body
 from simloop.worlds.cross_section import sections_of_spec
@@ -87,7 +87,7 @@ def _arena(scenario: Scenario) -> Layout:
         rng = np.random.default_rng([scenario.seed, _WORLD_STREAM])
         body = _vehicle()
         return draw_world(scenario.generator, rng, scenario.start, scenario.goal, body)
-    if path.suffix == ".yaml":
+    if path.suffix in MAP_FILES:
         return read_map_world(path)
     if path.suffix in (".world", ".sdf"):
         return read_sdf(path, scenario.bounds_m)

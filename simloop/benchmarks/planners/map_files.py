@@ -11,13 +11,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
 from simloop.benchmarks.planners.scenes import Instance
 from simloop.common.errors import InputError
+from simloop.common.pictures import read_picture
 from simloop.messages import FloatArray, WorldView
 
 CELL_M = 0.2
@@ -197,7 +197,7 @@ def parse_scenario(text: str, source: Path) -> list[MapTask]:
 
 
 def read_image(path: Path) -> Blocked:
-    """Read an image as a map.
+    """Read an image as a map, as a viewer shows it: turned by its EXIF orientation, on white.
 
     Args:
         path: The image; transparent pixels count as white.
@@ -206,25 +206,12 @@ def read_image(path: Path) -> Blocked:
         (rows, cols), row 0 at the top: True if a pixel is dark.
 
     Raises:
-        InputError: The file is not an image, or too large.
+        InputError: The file is not an image, is damaged, or is too large.
     """
-    data = np.frombuffer(_bytes(path), dtype=np.uint8)
-    try:
-        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
-    except cv2.error:
-        image = None
-    if image is None or image.size == 0:
-        raise InputError(f"{path}: not an image that can be read")
-    if image.shape[0] * image.shape[1] > _MOST_CELLS:
-        raise InputError(f"{path}: more than {_MOST_CELLS} pixels, the largest size allowed")
-    if image.dtype != np.uint8:
-        most = 65535.0 if image.dtype == np.uint16 else 1.0
-        image = np.clip(image / most * 255.0, 0, 255).astype(np.uint8)
-    if image.ndim == 2:
-        return np.asarray(image < _DARK)
-    grey = image[..., :3].mean(axis=2)
-    if image.shape[2] == 4:
-        grey = 255.0 - (255.0 - grey) * (image[..., 3] / 255.0)
+    picture = read_picture(path, _MOST_CELLS)
+    grey = picture.levels * (255.0 / picture.white)
+    if picture.opacity is not None:
+        grey = 255.0 - (255.0 - grey) * (picture.opacity / 255.0)
     return np.asarray(grey < _DARK)
 
 
