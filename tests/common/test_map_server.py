@@ -140,7 +140,7 @@ def test_deep_long_and_multiplying_files_end_at_once(tmp_path, yaml):
 
 
 def test_transparent_pixels_are_unknown_and_opaque_black_is_black(tmp_path):
-    """navigation2, issue 4233: the opacity is no fourth colour. In the mode raw it has no meaning."""
+    """The opacity is no fourth colour (navigation2, issue 4233). The mode raw does not use it."""
     opacity = np.array([[255, 255, 255], [0, 254, 255]], np.uint8)
     rgba = np.dstack([PICTURE, PICTURE, PICTURE, opacity])
     high = BASE.replace("0.65", "0.9")
