@@ -157,6 +157,19 @@ def rasterise(
     return plan
 
 
+def clearances_m(sections: Sequence[Section], points_m: FloatArray) -> FloatArray:
+    """Compute exact signed distances to outlines without making a floor plan.
+
+    Args:
+        sections: the outlines.
+        points_m: (N, 2) x, y in map, m.
+
+    Returns:
+        (N,) distances, m, as `FloorPlan.clearance_m`.
+    """
+    return distances(np.ascontiguousarray(points_m, dtype=np.float64), _packed(sections), None)
+
+
 def check_floor(bounds_m: Sequence[float] | FloatArray) -> None:
     """Check that a floor is not too large, before memory is taken for it.
 
