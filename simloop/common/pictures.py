@@ -8,6 +8,7 @@ header or of a plain picture, and OpenCV does not scale a PGM by its own maximum
 from __future__ import annotations
 
 import io
+import logging
 import re
 import warnings
 from pathlib import Path
@@ -23,6 +24,9 @@ from simloop.common.limits import PICTURE_BYTES, PIXELS, TEXT_BYTES, check_limit
 
 FORMATS = ("PNG", "JPEG", "BMP", "TIFF")
 """The formats that are read besides PGM, by Pillow's names."""
+
+# Pillow also logs what it then raises as an error; without a handler that goes to the terminal.
+logging.getLogger("PIL").addHandler(logging.NullHandler())
 
 # Spaces and comments, and a number. The possessive ``+`` never tries a shorter gap again, so the
 # time is linear in the length.
