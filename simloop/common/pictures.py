@@ -80,25 +80,6 @@ def read_picture(path: Path, most_pixels: int = PIXELS, *, as_shown: bool = True
             raise InputError(f"{path}: damaged or cut off: {error}") from None
 
 
-def check_picture_size(path: Path, most_pixels: int = PIXELS) -> None:
-    """Check the size of a picture by its header, before another library reads its pixels.
-
-    Args:
-        path: The file.
-        most_pixels: Largest number of pixels.
-
-    Raises:
-        InputError: If the file cannot be read, is no picture, or is too large.
-    """
-    data = read_bytes(path, PICTURE_BYTES)
-    if data[:2] in (b"P2", b"P5"):
-        _pgm_header(path, data, most_pixels)
-        return
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        _open(path, data, most_pixels)
-
-
 def _open(path: Path, data: bytes, most_pixels: int) -> Image.Image:
     """Read the header of a picture, and check the size that it tells."""
     try:

@@ -26,8 +26,8 @@ _SLACK_M = 1e-6
 """Tolerance of distances, because a tangent touches its own circle."""
 _ARC_STEP_RAD = math.radians(2.0)
 _SAME_RAD = 1e-9  # two points of a circle that are nearer are one
-_MOST_PAIRS = 200_000_000
-"""Pairs of circles after which the search gives up, about a minute."""
+_MOST_PAIRS = 50_000_000
+"""Pairs of circles after which the search gives up, some 20 s of processor time."""
 _NO_INDEX = Index(np.zeros(2), 1.0, (0, 0), np.zeros(1, np.int64), np.zeros(0, np.int32))
 
 
@@ -164,15 +164,13 @@ class _Search:
             self._arrive(node, (head, head_sense), end, cost_there)
         # Or on along the arc to the next departure from this one.
         if circle > 1 and len(here.angles) > 1:
-            after = (number + 1) % len(here.angles)
+            after, angle = (number + 1) % len(here.angles), here.angles[number]
+            swept = (here.angles[after] - angle) % (2.0 * math.pi)
             if number not in here.arcs:
-                place, swept = here.ends_m[after, :2], here.angles[after] - here.angles[number]
-                here.arcs[number] = self._arc(
-                    circle, sense, here.angles[number], swept % (2.0 * math.pi), place
-                )
+                place = here.ends_m[after, :2]
+                here.arcs[number] = self._arc(circle, sense, angle, swept, place)
             arc = here.arcs[number]
             if arc is not None:
-                swept = (here.angles[after] - here.angles[number]) % (2.0 * math.pi)
                 length = float(self._circles.radius_m[circle]) * swept
                 self._offer(node, (circle, sense, after), cost + length, arc, arc[-1])
 

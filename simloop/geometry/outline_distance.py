@@ -85,6 +85,21 @@ def each_distance(point_m: FloatArray, outlines: Outlines) -> FloatArray:
     return _each(float(point_m[0]), float(point_m[1]), *outlines)
 
 
+def within_reach(points_m: FloatArray, reach_m: float, outlines: Outlines) -> NDArray[np.bool_]:
+    """Tell which outlines are hardly farther than the nearest one from any of some points.
+
+    Args:
+        points_m: (N, 2) x, y, m.
+        reach_m: How much farther they may be, m.
+        outlines: The outlines.
+
+    Returns:
+        (S,) True if an outline's distance from one of the points is at most ``reach_m`` more than
+        the least one, or than 0 if that is negative.
+    """
+    return _within_reach(np.ascontiguousarray(points_m), reach_m, *outlines)
+
+
 def raster(
     x_m: FloatArray, y_m: FloatArray, outlines: Outlines
 ) -> tuple[NDArray[np.float32], Index | None]:
@@ -147,6 +162,23 @@ def _each(
     for s in range(len(radii)):
         out[s] = _signed(x, y, vertices, starts[s], starts[s + 1], radii[s])
     return out
+
+
+@njit(cache=True)
+def _within_reach(
+    points: FloatArray,
+    reach: float,
+    vertices: FloatArray,
+    starts: NDArray[np.int64],
+    radii: FloatArray,
+) -> NDArray[np.bool_]:
+    near = np.zeros(len(radii), np.bool_)
+    for n in range(len(points)):
+        each = _each(points[n, 0], points[n, 1], vertices, starts, radii)
+        limit = max(0.0, each.min()) + reach + _SLACK_M
+        for s in range(len(radii)):
+            near[s] = near[s] or each[s] <= limit
+    return near
 
 
 @njit(cache=True)

@@ -191,18 +191,18 @@ def _packed(sections: Sequence[Section]) -> Outlines:
     return Outlines(vertices, starts, radii)
 
 
-def outline_edges(plan: FloorPlan) -> tuple[FloatArray, FloatArray]:
-    """List all edges of all outlines.
+def outline_edges(sections: Sequence[Section]) -> tuple[FloatArray, FloatArray]:
+    """List all edges of outlines.
 
     Args:
-        plan: the floor plan.
+        sections: the outlines.
 
     Returns:
         (E, 2, 2) start and end of each edge, x, y in map, m, and (E,) the radius by which its
         outline is grown, m.
     """
     ends, swell = [np.zeros((0, 2, 2))], [np.zeros(0)]
-    for section in plan.sections:
+    for section in sections:
         vertices = section.vertices_m
         ends.append(np.stack([vertices, np.roll(vertices, -1, axis=0)], axis=1))
         swell.append(np.full(len(vertices), section.radius_m))

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simloop.geometry.outline_distance import distances
-from simloop.worlds import floor_plan
+from simloop.worlds import floor_plan, outline_gap
+from simloop.worlds.body import Body
 from simloop.worlds.floor_plan import Section, rasterise
 from simloop.worlds.obstacles import Obstacle
 
@@ -97,3 +98,18 @@ def test_a_floor_too_large_is_refused_and_a_large_one_has_larger_cells(monkeypat
         rasterise([], (0.0, 0.0, 1000.0, 1.0))
     with pytest.raises(ValueError, match="positive area"):
         rasterise([], (0.0, 0.0, 3.0, np.nan))
+
+
+def test_the_outlines_gap_needs_only_the_near_obstacles(monkeypatch):
+    rng = np.random.default_rng(4)
+    plan = rasterise(drawn(rng, 80, 7.0), (0.0, 0.0, 7.0, 7.0), 0.05)
+    poses = rng.uniform((0, 0, -3), (7, 7, 3), (300, 3))
+    body = Body(0.49, 0.465, 0.2)
+    each = [outline_gap.clearances(plan, pose[None], body)[0] for pose in poses]
+    least = [outline_gap.least_clearance(plan, poses[k : k + 30], body) for k in range(0, 300, 30)]
+    monkeypatch.setattr(
+        outline_gap, "within_reach", lambda points, reach, outlines: np.ones(len(outlines[2]), bool)
+    )
+    everything = outline_gap.clearances(plan, poses, body)
+    np.testing.assert_array_equal(each, everything)
+    np.testing.assert_array_equal(least, everything.reshape(10, 30).min(axis=1))

@@ -140,7 +140,7 @@ def _free_tangents(plan: FloorPlan, circles: _Circles, radius_m: float) -> _Tang
     near = radius_m - _SLACK_M
     free = (plan.clearance_m(start_m) >= near) & (plan.clearance_m(end_m) >= near)
     index = np.flatnonzero(free)
-    edges_m, swell_m = outline_edges(plan)
+    edges_m, swell_m = outline_edges(plan.sections)
     for batch in np.array_split(index, max(1, math.ceil(len(index) / _BATCH))):
         distance = segment_distances(start_m[batch], end_m[batch], edges_m[:, 0], edges_m[:, 1])
         free[batch] = np.all(distance - swell_m >= near, axis=1)
