@@ -20,7 +20,7 @@ Overrides = Annotated[
     typer.Option(
         "--set",
         metavar="KEY=VALUE",
-        help="Change a key of the scenario, e.g. goal=[3.0,2.5]; repeatable.",
+        help='Change a key of the scenario, e.g. "goal=[3.0,2.5]"; repeatable.',
     ),
 ]
 JsonFile = Annotated[

@@ -52,13 +52,14 @@ def replay(
     Returns:
         The exit code.
     """
+    from simloop.common.map_server import picture_of
     from simloop.common.terminal import counting
     from simloop.graph_slam.settings import MappingConfig
     from simloop.mapping.map_files import load_map
     from simloop.replay import outputs, session
 
     files = outputs.ReplayFiles(out, json_file)
-    files.check(log, relations, prior, prior and prior.with_suffix(".pgm"))
+    files.check(log, relations, prior, prior and picture_of(prior))
     read, truth = session.load(log, relations)
     config = MappingConfig()
     known = load_map(prior, config.grid) if prior is not None else None

@@ -82,7 +82,7 @@ def result_rows(metrics: Mapping[str, Any]) -> list[tuple[str, str]]:
     return [
         ("time", f"{metrics['sim_time_s']:.2f} s, simulated in {metrics['wall_time_s']:.2f} s "
                  f"of wall time ({factor})"),
-        ("path", f"{length}, SPL {metrics['spl']:.3f}"),
+        ("path", f"{length}, SPL {_figure(metrics['spl'], '.3f')}"),
         ("obstacles", f"{_gap(metrics['min_clearance_m'])}, "
                       f"{metrics['contact_count']} contacts"),
         ("localisation", f"{_figure(metrics['ate_rmse_m'], '.4f', ' m')} and "

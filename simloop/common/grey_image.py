@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 
-from simloop.common.errors import InputError
+from simloop.common.pictures import read_picture
 from simloop.messages import FloatArray
 
 _MOST_PIXELS = 16_000_000
@@ -17,7 +16,8 @@ def read_grey(file: str) -> FloatArray:
     """Read a grey image.
 
     Args:
-        file: A PNG file with 8 or 16 bits per pixel.
+        file: A picture, e.g. a PNG file with 8 or 16 bits per pixel. Colours are averaged, and
+            transparency has no meaning.
 
     Returns:
         (rows, columns) brightness from 0 (black) to 1 (white). Row 0 is the lower edge of the
@@ -26,18 +26,5 @@ def read_grey(file: str) -> FloatArray:
     Raises:
         InputError: If the file cannot be read, is not such an image, or is too large.
     """
-    try:
-        data = Path(file).read_bytes()
-    except OSError as error:
-        raise InputError(f"image {file}: cannot be read: {error.strerror}") from None
-    raw = np.frombuffer(data, np.uint8)
-    try:
-        image = cv2.imdecode(raw, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH) if len(raw) else None
-    except cv2.error:
-        image = None
-    if image is None or image.dtype not in (np.uint8, np.uint16):
-        raise InputError(f"image {file}: not a PNG image of 8 or 16 bits")
-    if image.size > _MOST_PIXELS:
-        raise InputError(f"image {file}: {image.size:,} pixels; at most {_MOST_PIXELS:,}")
-    white = 255.0 if image.dtype == np.uint8 else 65535.0
-    return np.ascontiguousarray(image[::-1].astype(np.float64) / white)
+    picture = read_picture(Path(file), _MOST_PIXELS)
+    return np.ascontiguousarray(picture.levels[::-1].astype(np.float64) / picture.white)

@@ -11,6 +11,9 @@ from simloop.common.errors import InputError
 TEXT_BYTES = 64 * 2**20
 """Size of a text file that is read as a whole: worlds, scenarios, map descriptions."""
 
+MAP_YAML_BYTES = 2**20
+"""Size of a map's YAML file, which is a few lines."""
+
 PICTURE_BYTES = 256 * 2**20
 """Size of a picture or of an array file."""
 

@@ -1,167 +1,306 @@
-"""Read maps in the format of ROS map_server: a YAML file and a PGM image.
+"""Read maps in the format of ROS map_server: a YAML file and a picture.
 
-The format is described at http://wiki.ros.org/map_server.
+The format is described at http://wiki.ros.org/map_server. PyYAML reads the YAML file. Transparent
+pixels are unknown in the modes trinary and scale, as in navigation2's map_server of today. Older
+ones take transparency in the mode trinary for a fourth colour, in which opaque black is not black.
 """
 
 from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
-from simloop.common.errors import InputError
+from simloop.common.errors import InputError, did_you_mean, printable
+from simloop.common.input_files import read_text
+from simloop.common.limits import CELLS, MAP_YAML_BYTES, NESTING, check_limit
+from simloop.common.pictures import Picture, read_picture
 from simloop.messages import FloatArray
 
 OCCUPIED_ABOVE, FREE_BELOW = 0.65, 0.196
 """Default thresholds of map_server: a cell is occupied above the first, free below the second."""
 
 _SURE = 2.0  # log-odds of an occupied cell; a free cell has -_SURE
-_MOST_CELLS = 400_000_000  # most cells that a map can have
 _NEEDS = ("image", "resolution", "origin")
+_KEYS = (*_NEEDS, "negate", "mode", "occupied_thresh", "free_thresh")
 _MODES = ("trinary", "scale", "raw")
+_TRUE, _FALSE = ("true", "yes", "on", "y"), ("false", "no", "off", "n")
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", re.IGNORECASE)
+_NO_TURN_RAD = 1e-9
+_FARTHEST = 1e4  # of an origin, m
+_MOST_EVENTS = 10_000  # parts of a YAML file; a map's has about 30
+_Document = dict[str, tuple[str | list[str], int]]
+"""Text of each known key's value, or texts of its list, and line."""
 
 
-def read_cells(yaml_file: Path) -> tuple[float, FloatArray, NDArray[np.float32]]:
+@dataclass(frozen=True, slots=True, eq=False)
+class MapCells:
+    """The cells of a map.
+
+    Attributes:
+        resolution_m: Side of a cell, m.
+        origin_m: (2,) position in map of the outer corner of the first cell, m.
+        yaw_rad: Direction of the rows in map, rad: the whole map is turned about its origin.
+        log_odds: (rows, columns) float32, [iy, ix]: positive if occupied, negative if free, 0 if
+            unknown.
+    """
+
+    resolution_m: float
+    origin_m: FloatArray
+    yaw_rad: float
+    log_odds: NDArray[np.float32]
+
+    def corners_m(self) -> FloatArray:
+        """Compute the corners of the map.
+
+        Returns:
+            (4, 2) x, y in map, m, counter-clockwise from the origin.
+        """
+        rows, columns = self.log_odds.shape
+        local = np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]]) * self.resolution_m
+        return self.origin_m + local @ self._turn()
+
+    def place_m(self, local_m: FloatArray) -> FloatArray:
+        """Transform points from the map's own axes to the frame map.
+
+        Args:
+            local_m: (N, 2) distances from the origin along the rows and the columns, m.
+
+        Returns:
+            (N, 2) x, y in map, m.
+        """
+        return self.origin_m + local_m @ self._turn()
+
+    def cells_at(self, points_m: FloatArray) -> NDArray[np.int64]:
+        """Find the cells in which points lie.
+
+        Args:
+            points_m: (N, 2) x, y in map, m.
+
+        Returns:
+            (N, 2) column and row; beyond the shape of ``log_odds`` outside of the map.
+        """
+        local = (points_m - self.origin_m) @ self._turn().T
+        return np.floor(local / self.resolution_m).astype(np.int64)
+
+    def upright(self) -> MapCells:
+        """Sample a turned map on a grid along the axes of the frame map.
+
+        Returns:
+            The map with a yaw of 0. Each of its cells is as the cell in which its centre lies;
+            those outside of the turned map are unknown.
+
+        Raises:
+            InputError: If the grid would have too many cells.
+        """
+        if self.yaw_rad == 0.0:
+            return self
+        step, corners = self.resolution_m, self.corners_m()
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        columns, rows = np.maximum(1, np.ceil((high - low) / step - 1e-6)).astype(int).tolist()
+        check_limit(rows * columns, CELLS, "the turned map: cells")
+        odds = np.zeros((rows, columns), np.float32)
+        x = low[0] + (np.arange(columns) + 0.5) * step
+        for row in range(rows):  # one by one, to need little memory
+            centres = np.column_stack([x, np.full(columns, low[1] + (row + 0.5) * step)])
+            i, j = self.cells_at(centres).T
+            inside = (i >= 0) & (j >= 0) & (i < self.log_odds.shape[1])
+            inside &= j < self.log_odds.shape[0]
+            odds[row, inside] = self.log_odds[j[inside], i[inside]]
+        return MapCells(step, low, 0.0, odds)
+
+    def _turn(self) -> FloatArray:
+        """Compute the matrix that turns rows of x, y from the map's own axes to the frame map."""
+        cos, sin = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        return np.array([[cos, sin], [-sin, cos]])
+
+
+def read_cells(yaml_file: Path) -> MapCells:
     """Read a map.
 
     Args:
-        yaml_file: The map's YAML file. It names the image, which must be a PGM file.
+        yaml_file: The map's YAML file. It names the picture, relative to itself.
 
     Returns:
-        The side of a cell, m; the position (2,) in map of the corner with the smallest x and y, m;
-        and the log-odds (rows, columns) of the cells, indexed [iy, ix]: positive if occupied,
-        negative if free, 0 if unknown.
+        The cells.
 
     Raises:
         InputError: If a file cannot be read or is not a map.
     """
     facts = _read_yaml(yaml_file)
-    for key in _NEEDS:
-        if key not in facts:
-            raise InputError(f"{yaml_file}: {key} is missing; required: {', '.join(_NEEDS)}")
     resolution = _number(yaml_file, facts, "resolution")
-    origin = _numbers(yaml_file, facts["origin"])
     if not 0.005 <= resolution <= 1.0:
         raise InputError(f"{yaml_file}: resolution {resolution:g} m is not between 0.005 and 1 m")
-    if len(origin) == 3 and origin[2] != 0.0:
-        raise InputError(
-            f"{yaml_file}: origin has a yaw of {origin[2]:g} rad; only 0 is supported, so turn "
-            "the image instead"
-        )
-    mode = facts.get("mode", "trinary")
+    x, y, yaw = _origin(yaml_file, facts)
+    mode = _text(yaml_file, facts, "mode", "trinary").lower()
     if mode not in _MODES:
         raise InputError(f"{yaml_file}: unknown mode '{mode}'; choices: {', '.join(_MODES)}")
     above = _number(yaml_file, facts, "occupied_thresh", OCCUPIED_ABOVE)
     below = _number(yaml_file, facts, "free_thresh", FREE_BELOW)
-    grey = read_pgm(yaml_file.parent / facts["image"].strip("'\""))
-    negate = facts.get("negate", "0").lower() not in ("0", "false", "no")
-    odds = _log_odds(grey, mode, negate, above, below)[::-1]
-    return resolution, np.array(origin[:2]), odds
+    if not 0.0 <= below <= above <= 1.0:
+        raise InputError(
+            f"{yaml_file}: free_thresh {below:g} and occupied_thresh {above:g} must be 0 to 1, the "
+            "first not above the second"
+        )
+    negate = _switch(yaml_file, facts, "negate")
+    picture = read_picture(_picture_of(yaml_file, facts), CELLS, as_shown=False)
+    odds = _log_odds(picture, mode, negate, above, below)[::-1]
+    return MapCells(resolution, np.array([x, y]), yaw, odds)
+
+
+def picture_of(yaml_file: Path) -> Path:
+    """Find the picture that a map's YAML file names.
+
+    Args:
+        yaml_file: The YAML file.
+
+    Returns:
+        The picture's path. Whether it exists is not checked.
+
+    Raises:
+        InputError: If the YAML file cannot be read or names no picture.
+    """
+    return _picture_of(yaml_file, _read_yaml(yaml_file))
 
 
 def _log_odds(
-    grey: NDArray[np.uint8], mode: str, negate: bool, above: float, below: float
+    picture: Picture, mode: str, negate: bool, above: float, below: float
 ) -> NDArray[np.float32]:
-    """Compute the log-odds (rows, columns) of an image's cells by map_server's rules."""
+    """Compute the log-odds (rows, columns) of a picture's cells by map_server's rules."""
+    white = float(picture.white)
+    level = np.arange(picture.white + 1, dtype=np.float64)
     if mode == "raw":
-        # In mode raw a pixel is an occupancy of 0 to 100 %. Greater values are unknown.
-        occupied, free = (grey >= 100 * above) & (grey <= 100), grey <= 100 * below
+        # A pixel is an occupancy of 0 to 100 %, out of 255. Greater values are unknown.
+        value = np.round(level / white * 255.0)
+        occupied, free = (value >= 100 * above) & (value <= 100), value <= 100 * below
     else:
-        chance = grey / 255.0 if negate else (255.0 - grey) / 255.0
+        chance = level / white if negate else (white - level) / white
         occupied, free = chance > above, chance < below
-    odds = np.zeros(grey.shape, np.float32)
+    odds = np.zeros(len(level), np.float32)
     odds[free], odds[occupied] = -_SURE, _SURE
     if mode == "scale":  # the occupancy is linear between the thresholds
         between = ~(free | occupied)
         share = np.clip((chance[between] - below) / max(1e-9, above - below), 0.02, 0.98)
         odds[between] = np.log(share / (1.0 - share))
-    return odds
+    cells = odds[picture.levels]
+    if picture.opacity is not None and mode != "raw":
+        cells[picture.opacity < 255] = 0.0
+    return cells
 
 
-def read_pgm(path: Path) -> NDArray[np.uint8]:
-    """Read a PGM image.
-
-    Args:
-        path: The file: binary (P5) or plain (P2), with 8 bits per pixel.
-
-    Returns:
-        (rows, columns) brightness, scaled to 0 to 255. Row 0 is the upper edge.
-
-    Raises:
-        InputError: If the file cannot be read or is not such an image.
-    """
+def _read_yaml(path: Path) -> _Document:
+    """Read the known keys of a YAML file. What stands under other keys is not even built."""
+    text = read_text(path, MAP_YAML_BYTES)
     try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror}") from None
-    head = re.match(rb"P([25])((?:\s+|#[^\n]*\n)+(\d+))((?:\s+|#[^\n]*\n)+(\d+))"
-                    rb"((?:\s+|#[^\n]*\n)+(\d+))\s", data)  # fmt: skip
-    if head is None:
-        raise InputError(f"{path}: not a PGM image (P5 or P2)")
-    columns, rows, most = int(head[3]), int(head[5]), int(head[7])
-    if not (0 < most < 256 and 0 < columns * rows <= _MOST_CELLS):
-        raise InputError(
-            f"{path}: {columns} x {rows} pixels of 0 to {most}; a map has 1 to {_MOST_CELLS:,} "
-            "pixels of 8 bits"
-        )
-    body = data[head.end() :]
-    try:
-        if head[1] == b"5":
-            flat = np.frombuffer(body, np.uint8, columns * rows).astype(np.float64)
-        else:
-            flat = np.array(body.split()[: columns * rows], np.int64).astype(np.float64)
-    except (ValueError, OverflowError):
-        flat = np.empty(0)
-    if flat.size != columns * rows or flat.max() > most or flat.min() < 0:
-        raise InputError(
-            f"{path}: cut off, or values that are not {columns} x {rows} numbers of 0 to {most}"
-        )
-    values = np.round(flat * (255.0 / most)).astype(np.uint8)
-    return values.reshape(rows, columns)
-
-
-def _read_yaml(path: Path) -> dict[str, str]:
-    """Read the ``key: value`` lines of a flat YAML file. List items may be lines ``- item``."""
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not a text file"
-        raise InputError(f"{path}: {reason}") from None
-    facts: dict[str, str] = {}
-    key = ""
-    for number, line in enumerate(lines, 1):
-        text = line.split(" #")[0].strip()
-        if not text or text.startswith("#") or text == "---":
-            continue
-        if text.startswith("- ") and key:
-            facts[key] = f"{facts[key]} {text[2:]}".strip()
-            continue
-        key, colon, value = text.partition(":")
-        if not colon:
-            raise InputError(f"{path}, line {number}: expected 'key: value'")
-        key = key.strip()
-        facts[key] = value.strip()
+        _check_depth(path, yaml.parse(text, yaml.SafeLoader))
+        root = yaml.compose(text, yaml.SafeLoader)
+        if not isinstance(root, yaml.MappingNode):
+            raise InputError(f"{path}: no 'key: value' of a map; required: {', '.join(_NEEDS)}")
+        facts = _known(path, root)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f", line {mark.line + 1}" if mark else ""
+        reason = getattr(error, "problem", None) or str(error)
+        raise InputError(f"{path}{where}: not YAML: {reason}") from None
+    for key in _NEEDS:
+        if key not in facts:
+            raise InputError(f"{path}: {key} is missing; required: {', '.join(_NEEDS)}")
     return facts
 
 
-def _number(path: Path, facts: dict[str, str], key: str, otherwise: float = math.nan) -> float:
-    try:
-        value = float(facts[key]) if key in facts else otherwise
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise InputError(f"{path}: {key}: '{facts.get(key, '')}' is not a number")
+def _check_depth(path: Path, events: Iterator[yaml.Event]) -> None:
+    """Raise InputError for a long or deeply nested file, before anything is made of it."""
+    depth = 0
+    for number, event in enumerate(events):
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+        check_limit(depth, NESTING, f"{path}: depth of nested values")
+        check_limit(number, _MOST_EVENTS, f"{path}: number of values")
+
+
+def _known(path: Path, root: yaml.MappingNode) -> _Document:
+    """Read the known keys. Refuse what map_server could understand otherwise, or not at all."""
+    facts: _Document = {}
+    others = []
+    for key_node, node in root.value:
+        key = key_node.value if isinstance(key_node, yaml.ScalarNode) else ""
+        line = node.start_mark.line + 1
+        if key in facts:
+            raise InputError(f"{path}, line {line}: {key} is given twice")
+        if key == "<<":
+            raise InputError(f"{path}, line {line}: << is not supported; give each key itself")
+        if key in _KEYS:
+            # The texts themselves are used, as YAML 1.1 takes 010 for 8, 1:30 for 90, and 5e-2 for
+            # a text.
+            parts = node.value if isinstance(node, yaml.SequenceNode) else [node]
+            if not all(isinstance(one, yaml.ScalarNode) for one in parts):
+                raise InputError(f"{path}, line {line}: {key}: nested values have no meaning here")
+            texts = [one.value.strip() for one in parts]
+            facts[key] = (texts if parts is node.value else texts[0], line)
+        elif isinstance(node, yaml.ScalarNode):
+            others.append(key)
+    for key in others:
+        hint = did_you_mean(key, [one for one in _KEYS if one not in facts])
+        if "did you mean" in hint:
+            raise InputError(f"{path}: unknown key '{key}'{hint}")
+    return facts
+
+
+def _wrong(path: Path, facts: _Document, key: str, wanted: str) -> InputError:
+    value, line = facts[key]
+    text = value if isinstance(value, str) else f"[{', '.join(value)}]"
+    return InputError(f"{path}, line {line}: {key}: '{printable(text, 60)}' is not {wanted}")
+
+
+def _number(path: Path, facts: _Document, key: str, otherwise: float = math.nan) -> float:
+    if key not in facts:
+        return otherwise
+    number = _as_number(facts[key][0])
+    if not math.isfinite(number):
+        raise _wrong(path, facts, key, "a number")
+    return number
+
+
+def _as_number(text: str | list[str]) -> float:
+    """Convert a text to a number; NaN if it is none."""
+    return float(text) if isinstance(text, str) and _NUMBER.fullmatch(text) else math.nan
+
+
+def _switch(path: Path, facts: _Document, key: str) -> bool:
+    """Read a value that is on or off in any of the ways in which people write it."""
+    value = facts.get(key, ("0", 0))[0]
+    word = value.lower() if isinstance(value, str) else ""
+    number = _as_number(value)
+    if word in _TRUE or number == 1.0:
+        return True
+    if word in _FALSE or number == 0.0:
+        return False
+    raise _wrong(path, facts, key, "0 or 1")
+
+
+def _text(path: Path, facts: _Document, key: str, otherwise: str = "") -> str:
+    value = facts.get(key, (otherwise, 0))[0]
+    if not isinstance(value, str) or not value:
+        raise _wrong(path, facts, key, "a text")
     return value
 
 
-def _numbers(path: Path, text: str) -> FloatArray:
-    try:
-        values = np.array([float(word) for word in re.split(r"[\[\],\s]+", text) if word])
-    except ValueError:
-        values = np.empty(0)
-    if len(values) not in (2, 3) or not np.isfinite(values).all():
-        raise InputError(f"{path}: origin: '{text}' is not [x, y, yaw] in m and rad")
-    return values
+def _origin(path: Path, facts: _Document) -> tuple[float, float, float]:
+    value = facts["origin"][0]
+    numbers = [_as_number(one) for one in value] if isinstance(value, list) else []
+    if len(numbers) not in (2, 3) or not all(map(math.isfinite, numbers)):
+        raise _wrong(path, facts, "origin", "[x, y, yaw] in m and rad")
+    for number in numbers:
+        check_limit(abs(number), _FARTHEST, f"{path}: origin")
+    yaw = math.remainder(numbers[2], 2.0 * math.pi) if len(numbers) == 3 else 0.0
+    return numbers[0], numbers[1], yaw if abs(yaw) > _NO_TURN_RAD else 0.0
+
+
+def _picture_of(path: Path, facts: _Document) -> Path:
+    return path.parent / _text(path, facts, "image")

@@ -16,7 +16,7 @@ import numpy as np
 from simloop.evaluation.health_account import health_account
 from simloop.evaluation.provenance import versions
 from simloop.evaluation.referee import Outcome
-from simloop.evaluation.shortest_path import shortest_path
+from simloop.evaluation.shortest_path import TooManyCornersError, shortest_path
 from simloop.geometry.se2 import wrap_angles
 from simloop.messages import Estimate, FloatArray, Health, Plan
 from simloop.scenario.scenario import Scenario
@@ -141,8 +141,11 @@ class RunMetrics:
         of Embodied Navigation Agents".
         """
         path_m = float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
-        shortest_m = self._shortest_m()
-        spl = 0.0
+        spl: float | None = 0.0
+        try:
+            shortest_m = self._shortest_m()
+        except TooManyCornersError:
+            shortest_m, spl = None, None if outcome.success else 0.0
         if outcome.success and shortest_m is not None:
             spl = shortest_m / max(path_m, shortest_m) if shortest_m > 0.0 else 1.0
         clearance_m = least_clearance(self._floor, poses, self._body)

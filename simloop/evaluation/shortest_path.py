@@ -2,27 +2,37 @@
 
 The result is exact except for rounding. Each convex outline, grown by the robot's radius, is
 bounded by arcs about its vertices and by edges that are tangents of two such arcs. A shortest path
-among grown outlines consists only of common tangents and arcs (the tangent graph), so Dijkstra's
-algorithm on that graph finds it.
+among grown outlines consists only of common tangents and arcs (the tangent graph). A* (Hart,
+Nilsson & Raphael 1968) finds it. The tangents that leave a circle are computed when the search
+arrives there, so that a map of thousands of boxes takes seconds and not all memory.
 """
 
 from __future__ import annotations
 
 import heapq
 import math
-from collections import defaultdict
-from dataclasses import dataclass
+from bisect import bisect_left
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from simloop.evaluation.tangent_kernel import Circles, leaving
+from simloop.geometry.outline_distance import Index
 from simloop.messages import FloatArray
-from simloop.worlds.floor_plan import FloorPlan, outline_edges, segment_distances
+from simloop.worlds.floor_plan import FloorPlan
 
 _SLACK_M = 1e-6
 """Tolerance of distances, because a tangent touches its own circle."""
 _ARC_STEP_RAD = math.radians(2.0)
-_BATCH = 4096
+_SAME_RAD = 1e-9  # two points of a circle that are nearer are one
+_MOST_PAIRS = 50_000_000
+"""Pairs of circles after which the search gives up, some 20 s of processor time."""
+_NO_INDEX = Index(np.zeros(2), 1.0, (0, 0), np.zeros(1, np.int64), np.zeros(0, np.int32))
+
+
+class TooManyCornersError(ValueError):
+    """Error for a floor plan on which the search for the shortest path would take too long."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,45 +46,6 @@ class ShortestPath:
 
     length_m: float
     xy_m: FloatArray
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Circles:
-    """The circles that a path can follow, one around each vertex of an outline.
-
-    Attributes:
-        centre_m: (N, 2) centres in map, m.
-        radius_m: (N,) radii, m.
-        to_next: (N, 2) vector to the next vertex of the outline, m; zero if there is none. With
-            ``to_previous`` it bounds the part of the circle that is free.
-        to_previous: (N, 2) vector to the previous vertex, m.
-    """
-
-    centre_m: FloatArray
-    radius_m: FloatArray
-    to_next: FloatArray
-    to_previous: FloatArray
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Tangents:
-    """Directed common tangents of two circles.
-
-    Attributes:
-        tail: (T,) circle that the tangent leaves.
-        head: (T,) circle that it reaches.
-        tail_sense: (T,) direction of the path on the tail, +1 counter-clockwise, -1 clockwise.
-        head_sense: (T,) the same for the head.
-        start_m: (T, 2) point where it leaves the tail, in map, m.
-        end_m: (T, 2) point where it reaches the head, in map, m.
-    """
-
-    tail: NDArray[np.int64]
-    head: NDArray[np.int64]
-    tail_sense: NDArray[np.int64]
-    head_sense: NDArray[np.int64]
-    start_m: FloatArray
-    end_m: FloatArray
 
 
 def shortest_path(
@@ -91,6 +62,9 @@ def shortest_path(
     Returns:
         The path of the disc's centre; None if there is none, or if the start or the goal is nearer
         to an obstacle than the radius.
+
+    Raises:
+        TooManyCornersError: The search was given up.
     """
     ends = np.array([start_m[:2], goal_m[:2]], dtype=np.float64)
     free_m = float(plan.clearance_m(ends).min())
@@ -100,11 +74,10 @@ def shortest_path(
     radius_m = min(radius_m, free_m - 0.1 * _SLACK_M)
     if np.array_equal(ends[0], ends[1]):
         return ShortestPath(0.0, ends)
-    circles = _circles(plan, ends, radius_m)
-    return _search(plan, circles, _free_tangents(plan, circles, radius_m), radius_m)
+    return _Search(plan, _circles(plan, ends, radius_m), radius_m).run()
 
 
-def _circles(plan: FloorPlan, ends: FloatArray, radius_m: float) -> _Circles:
+def _circles(plan: FloorPlan, ends: FloatArray, radius_m: float) -> Circles:
     """List the circles: 0 is the start and 1 the goal, both of radius 0, then the vertices."""
     centres, radii = [ends], [np.zeros(2)]
     following, preceding = [np.zeros((2, 2))], [np.zeros((2, 2))]
@@ -114,7 +87,7 @@ def _circles(plan: FloorPlan, ends: FloatArray, radius_m: float) -> _Circles:
         radii.append(np.full(len(vertices), section.radius_m + radius_m))
         following.append(np.roll(vertices, -1, axis=0) - vertices)
         preceding.append(np.roll(vertices, 1, axis=0) - vertices)
-    return _Circles(
+    return Circles(
         np.concatenate(centres),
         np.concatenate(radii),
         np.concatenate(following),
@@ -122,146 +95,156 @@ def _circles(plan: FloorPlan, ends: FloatArray, radius_m: float) -> _Circles:
     )
 
 
-def _free_tangents(plan: FloorPlan, circles: _Circles, radius_m: float) -> _Tangents:
-    """Find all common tangents of two circles along which the disc touches no obstacle."""
-    # Every ordered pair of circles, except into the start and out of the goal.
-    tail, head = np.nonzero(~np.eye(len(circles.radius_m), dtype=bool))
-    into_or_out = (head != 0) & (tail != 1)
-    tail, head = tail[into_or_out], head[into_or_out]
-    found = [
-        _tangents(circles, tail, head, tail_sense, head_sense)
-        for tail_sense in (1, -1)
-        for head_sense in (1, -1)
-    ]
-    joined = [np.concatenate(columns) for columns in zip(*found, strict=True)]
-    tail, head, tail_sense, head_sense, start_m, end_m = joined
-    # First the cheap test of the ends, then the exact test of the whole tangent. Batches keep the
-    # table of tangents and edges small.
-    near = radius_m - _SLACK_M
-    free = (plan.clearance_m(start_m) >= near) & (plan.clearance_m(end_m) >= near)
-    index = np.flatnonzero(free)
-    edges_m, swell_m = outline_edges(plan)
-    for batch in np.array_split(index, max(1, math.ceil(len(index) / _BATCH))):
-        distance = segment_distances(start_m[batch], end_m[batch], edges_m[:, 0], edges_m[:, 1])
-        free[batch] = np.all(distance - swell_m >= near, axis=1)
-    return _Tangents(
-        tail[free], head[free], tail_sense[free], head_sense[free], start_m[free], end_m[free]
-    )
+@dataclass(frozen=True, slots=True, eq=False)
+class _Departures:
+    """The free tangents that leave a circle in one sense, by the angle at which they leave.
 
-
-def _tangents(
-    circles: _Circles,
-    tail: NDArray[np.int64],
-    head: NDArray[np.int64],
-    tail_sense: int,
-    head_sense: int,
-) -> tuple[NDArray[np.int64], ...]:
-    """Find the tangents with one pair of senses that touch both outlines at a vertex.
-
-    Let u be the tangent's direction and n the normal to its right. A circle (c, r) that the
-    path follows with sense s is touched at c + s r n. Both touching points are on one line
-    along u if |c2 - c1| sin(angle of u against c2 - c1) = s1 r1 - s2 r2.
+    Attributes:
+        angles: Angles in the direction of the path, rad, in ascending order from -pi.
+        heads: (T, 2) circle and sense that each of them reaches.
+        ends_m: (T, 4) its ends x, y, x, y in map, m.
+        arcs: Arc from each of them to the next, once it was needed; None if it is blocked.
     """
-    # A point has no sense: start and goal are used with sense +1 only.
-    keep = ((tail != 0) | (tail_sense > 0)) & ((head != 1) | (head_sense > 0))
-    tail, head = tail[keep], head[keep]
-    apart = circles.centre_m[head] - circles.centre_m[tail]
-    distance = np.hypot(apart[:, 0], apart[:, 1])
-    offset = tail_sense * circles.radius_m[tail] - head_sense * circles.radius_m[head]
-    # Circles that touch from inside (for example a start on an arc) have a tangent of length 0.
-    keep = (distance > 0.0) & (distance > np.abs(offset) - _SLACK_M)
-    tail, head, apart = tail[keep], head[keep], apart[keep]
-    lean = np.arcsin(np.clip(offset[keep] / distance[keep], -1.0, 1.0))
-    heading = np.arctan2(apart[:, 1], apart[:, 0]) + lean
-    right = np.stack([np.sin(heading), -np.cos(heading)], axis=1)
-    # A touching point is on the outline only if its normal is between those of the two edges.
-    ends = []
-    keep = np.ones(len(tail), dtype=bool)
-    for circle, sense in ((tail, tail_sense), (head, head_sense)):
-        normal = sense * right
-        for side in (circles.to_next[circle], circles.to_previous[circle]):
-            keep &= np.sum(normal * side, axis=1) <= 1e-9
-        ends.append(circles.centre_m[circle] + circles.radius_m[circle, None] * normal)
-    senses = (np.full(len(tail), tail_sense)[keep], np.full(len(tail), head_sense)[keep])
-    return tail[keep], head[keep], *senses, ends[0][keep], ends[1][keep]
+
+    angles: list[float]
+    heads: NDArray[np.int64]
+    ends_m: FloatArray
+    arcs: dict[int, FloatArray | None] = field(default_factory=dict)
 
 
-def _search(
-    plan: FloorPlan, circles: _Circles, tangents: _Tangents, radius_m: float
-) -> ShortestPath | None:
-    """Build the tangent graph. Its nodes are the tangents' ends, its links tangents and arcs."""
-    count = len(tangents.tail)
-    if not count:
+_Node = tuple[int, int, int]
+"""Circle, sense, and the number of the departure from there; the goal is (1, 1, 0)."""
+
+
+class _Search:
+    """A* over the departures of all circles."""
+
+    def __init__(self, plan: FloorPlan, circles: Circles, radius_m: float) -> None:
+        self._plan, self._circles, self._radius_m = plan, circles, radius_m
+        self._heads = self._reachable()
+        self._known: dict[tuple[int, int], _Departures] = {}
+        self._pairs = 0
+        self._best: dict[_Node, float] = {}
+        self._came: dict[_Node, tuple[_Node, FloatArray]] = {}
+        self._queue: list[tuple[float, float, _Node]] = []
+
+    def run(self) -> ShortestPath | None:
+        """Find the path from circle 0 to circle 1."""
+        origin = self._circles.centre_m[0]
+        start = (0, 1, -1)
+        for number in range(len(self._departures(0, 1).angles)):
+            self._offer(start, (0, 1, number), 0.0, origin[None, :], origin)
+        while self._queue:
+            _, cost, node = heapq.heappop(self._queue)
+            if cost > self._best[node]:
+                continue  # an older, longer way to this node
+            if node[0] == 1:
+                return ShortestPath(cost, self._points(node))
+            self._expand(node, cost)
         return None
-    # Node 2 t is the start of tangent t, node 2 t + 1 its end.
-    links: dict[int, list[tuple[int, float, FloatArray]]] = defaultdict(list)
-    lengths = np.hypot(*(tangents.end_m - tangents.start_m).T)
-    for t in range(count):
-        links[2 * t].append((2 * t + 1, float(lengths[t]), tangents.end_m[t : t + 1]))
-    for node, after, length, points in _arcs(plan, circles, tangents, radius_m):
-        links[node].append((after, length, points))
-    sources = [2 * int(t) for t in np.flatnonzero(tangents.tail == 0)]
-    targets = {2 * int(t) + 1 for t in np.flatnonzero(tangents.head == 1)}
-    return _dijkstra(links, sources, targets, circles.centre_m[0])
 
+    def _points(self, node: _Node) -> FloatArray:
+        """Follow the links back and join their points."""
+        points = []
+        while node in self._came:
+            node, leg = self._came[node]
+            points.append(leg)
+        return np.concatenate(points[::-1])
 
-def _dijkstra(
-    links: dict[int, list[tuple[int, float, FloatArray]]],
-    sources: list[int],
-    targets: set[int],
-    start_m: FloatArray,
-) -> ShortestPath | None:
-    """Run Dijkstra's algorithm (1959) from several sources to the nearest of several targets."""
-    best = dict.fromkeys(sources, 0.0)
-    came: dict[int, tuple[int, FloatArray]] = {}
-    queue = [(0.0, node) for node in sources]
-    heapq.heapify(queue)
-    while queue:
-        cost, node = heapq.heappop(queue)
-        if cost > best[node]:
-            continue  # an older, longer way to this node
-        if node in targets:
-            # Follow the links back and join their points.
-            points = []
-            while node in came:
-                node, leg = came[node]
-                points.append(leg)
-            return ShortestPath(cost, np.concatenate([start_m[None], *reversed(points)]))
-        for after, length, leg in links[node]:
-            if cost + length < best.get(after, math.inf):
-                best[after] = cost + length
-                came[after] = (node, leg)
-                heapq.heappush(queue, (cost + length, after))
-    return None
+    def _expand(self, node: _Node, cost: float) -> None:
+        circle, sense, number = node
+        here = self._departures(circle, sense)
+        # Along the tangent, and then along the arc to the next departure from the other circle.
+        head, head_sense = map(int, here.heads[number])
+        x0, y0, x1, y1 = here.ends_m[number].tolist()
+        cost_there, end = cost + math.hypot(x1 - x0, y1 - y0), np.array([x1, y1])
+        if head == 1:
+            self._offer(node, (1, 1, 0), cost_there, end[None, :], end)
+        else:
+            self._arrive(node, (head, head_sense), end, cost_there)
+        # Or on along the arc to the next departure from this one.
+        if circle > 1 and len(here.angles) > 1:
+            after, angle = (number + 1) % len(here.angles), here.angles[number]
+            swept = (here.angles[after] - angle) % (2.0 * math.pi)
+            if number not in here.arcs:
+                place = here.ends_m[after, :2]
+                here.arcs[number] = self._arc(circle, sense, angle, swept, place)
+            arc = here.arcs[number]
+            if arc is not None:
+                length = float(self._circles.radius_m[circle]) * swept
+                self._offer(node, (circle, sense, after), cost + length, arc, arc[-1])
 
+    def _arrive(self, node: _Node, to: tuple[int, int], end_m: FloatArray, cost: float) -> None:
+        """Go on from the end of a tangent to the next departure along the circle."""
+        circle, sense = to
+        there = self._departures(circle, sense)
+        if not there.angles:
+            return
+        dx, dy = (end_m - self._circles.centre_m[circle]).tolist()
+        angle = sense * math.atan2(dy, dx)
+        after = bisect_left(there.angles, angle - _SAME_RAD) % len(there.angles)
+        swept = (there.angles[after] - angle + _SAME_RAD) % (2.0 * math.pi) - _SAME_RAD
+        swept = max(0.0, swept)
+        arc = self._arc(circle, sense, angle, swept, there.ends_m[after, :2])
+        if arc is not None:
+            cost += float(self._circles.radius_m[circle]) * swept
+            self._offer(node, (circle, sense, after), cost, np.vstack([end_m, arc]), arc[-1])
 
-def _arcs(
-    plan: FloorPlan, circles: _Circles, tangents: _Tangents, radius_m: float
-) -> list[tuple[int, int, float, FloatArray]]:
-    """List the free arcs between neighbouring ends of tangents: node, next node, length, points.
+    def _offer(
+        self, come_from: _Node, node: _Node, cost: float, leg_m: FloatArray, at_m: FloatArray
+    ) -> None:
+        """Put a node into the queue if this is the shortest way to it so far."""
+        if cost < self._best.get(node, math.inf):
+            self._best[node], self._came[node] = cost, (come_from, leg_m)
+            to_go = math.dist(at_m, self._circles.centre_m[1])
+            heapq.heappush(self._queue, (cost + to_go, cost, node))
 
-    For each circle and sense, the ends are sorted by angle, and each is linked to the next one.
-    """
-    ends: dict[tuple[int, int], list[tuple[float, int]]] = defaultdict(list)
-    for t in range(len(tangents.tail)):
-        for node, circle, sense, point in (
-            (2 * t, int(tangents.tail[t]), int(tangents.tail_sense[t]), tangents.start_m[t]),
-            (2 * t + 1, int(tangents.head[t]), int(tangents.head_sense[t]), tangents.end_m[t]),
-        ):
-            if circle > 1:
-                dx, dy = point - circles.centre_m[circle]
-                ends[circle, sense].append((sense * math.atan2(dy, dx), node))
-    arcs = []
-    for (circle, sense), around in ends.items():
-        around.sort()
-        radius, centre = float(circles.radius_m[circle]), circles.centre_m[circle]
-        for (angle, node), (to, after) in zip(around, around[1:] + around[:1], strict=True):
-            swept = (to - angle) % (2.0 * math.pi)
-            steps = max(2, math.ceil(swept / _ARC_STEP_RAD) + 1)
-            turned = sense * (angle + np.linspace(0.0, swept, steps))
-            points = centre + radius * np.stack([np.cos(turned), np.sin(turned)], axis=1)
-            if np.all(plan.clearance_m(points) >= radius_m - _SLACK_M):
-                arcs.append((node, after, radius * swept, points[1:]))
-                if swept == 0.0:  # both ends are one point, so the link goes both ways
-                    arcs.append((after, node, 0.0, points[1:]))
-    return arcs
+    def _arc(
+        self, circle: int, sense: int, angle: float, swept: float, end_m: FloatArray
+    ) -> FloatArray | None:
+        """Compute the points of an arc after its first one; None if it is blocked."""
+        radius, centre = float(self._circles.radius_m[circle]), self._circles.centre_m[circle]
+        steps = max(2, math.ceil(swept / _ARC_STEP_RAD) + 1)
+        turned = sense * (angle + np.linspace(0.0, swept, steps))
+        points = centre + radius * np.stack([np.cos(turned), np.sin(turned)], axis=1)
+        points[-1] = end_m
+        free = np.all(self._plan.clearance_m(points) >= self._radius_m - _SLACK_M)
+        return points[1:] if free else None
+
+    def _departures(self, circle: int, sense: int) -> _Departures:
+        """Find the free tangents that leave a circle, once."""
+        found = self._known.get((circle, sense))
+        if found is None:
+            self._pairs += len(self._heads)
+            if self._pairs > _MOST_PAIRS:
+                raise TooManyCornersError(f"more than {_MOST_PAIRS:,} pairs of corners")
+            one, plan = self._circles, self._plan
+            heads, ends = leaving(
+                circle, float(sense), self._heads, one, plan.outlines, plan.index or _NO_INDEX,
+                self._radius_m - _SLACK_M, _SLACK_M,
+            )  # fmt: skip
+            off = ends[:, :2] - one.centre_m[circle]
+            angles = sense * np.arctan2(off[:, 1], off[:, 0])
+            order = np.argsort(angles, kind="stable")
+            found = _Departures(angles[order].tolist(), heads[order], ends[order])
+            self._known[circle, sense] = found
+        return found
+
+    def _reachable(self) -> NDArray[np.int64]:
+        """List the goal and the circles of which some part is free."""
+        one = self._circles
+        count = math.ceil(2.0 * math.pi / _ARC_STEP_RAD)
+        turned = 2.0 * math.pi * np.arange(count) / count
+        around = np.stack([np.cos(turned), np.sin(turned)], axis=1)
+        kept = [1]
+        for circle in range(2, len(one.radius_m)):
+            radius = one.radius_m[circle]
+            # A point between two of these is nearer to one of them than half the step.
+            least = self._radius_m - _SLACK_M - 0.5 * _ARC_STEP_RAD * radius
+            outward = np.ones(count, np.bool_)
+            for side in (one.to_next[circle], one.to_previous[circle]):
+                outward &= around @ side <= _ARC_STEP_RAD * math.hypot(*side)
+            points = one.centre_m[circle] + radius * around[outward]
+            if np.any(self._plan.clearance_m(points) >= least):
+                kept.append(circle)
+        return np.array(kept, np.int64)

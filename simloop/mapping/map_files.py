@@ -1,7 +1,7 @@
-"""Read and write maps in the format of ROS's map_server: a YAML file and a grey image (PGM).
+"""Read and write maps in the format of ROS's map_server: a YAML file and a picture.
 
-The modes ``trinary``, ``scale`` and ``raw`` are read in the same way as by map_server. Maps are
-written in the mode ``trinary``.
+The modes ``trinary``, ``scale`` and ``raw`` are read in the same way as by map_server, and a map
+with a yaw is turned. Maps are written in the mode ``trinary``, with a PGM picture.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from simloop.common.files import write_bytes, write_text
-from simloop.common.map_server import FREE_BELOW, OCCUPIED_ABOVE, read_cells
+from simloop.common.map_server import FREE_BELOW, OCCUPIED_ABOVE, MapCells, read_cells
 from simloop.config import SlamConfig
 from simloop.mapping.grid_map import GridMap
 
@@ -32,8 +32,27 @@ def load_map(yaml_file: Path, config: SlamConfig) -> GridMap:
     Raises:
         InputError: A file is missing, truncated, or not a map.
     """
-    resolution, origin, odds = read_cells(yaml_file)
-    return GridMap.of(replace(config, resolution_m=resolution), origin, odds)
+    cells = read_cells(yaml_file)
+    upright, step = cells.upright(), cells.resolution_m
+    grid = GridMap.of(replace(config, resolution_m=step), upright.origin_m, upright.log_odds)
+    if upright is not cells:
+        _put_in_place(grid, cells)
+    return grid
+
+
+def _put_in_place(grid: GridMap, cells: MapCells) -> None:
+    """Move each surface from the middle of its cell to that of the turned cell it was read from.
+
+    So a wall stays as thin and as straight as it was before it was sampled.
+    """
+    at, step = np.nonzero(grid.occupied), grid.resolution_m
+    corners = np.column_stack(at[::-1]).astype(np.float64) * step
+    turned = cells.cells_at(grid.origin_m + corners + 0.5 * step).astype(np.float64)
+    offsets = cells.place_m((turned + 0.5) * step) - grid.origin_m
+    # A surface belongs to the cell in which it lies.
+    offsets = np.clip(offsets, corners + 0.01 * step, corners + 0.99 * step)
+    grid.hits[at] = np.column_stack([offsets, np.ones(len(offsets))])
+    grid.renew_fields()
 
 
 def save_map(grid: GridMap, yaml_file: Path) -> None:

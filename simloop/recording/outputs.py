@@ -53,6 +53,8 @@ class Outputs:
             check_file(self.config, "--json")
         if self.snapshots is not None:
             check_directory(self.snapshots, "--snapshots")
+        if self.recording is not None and self.recording.suffix not in ("", ".rrd"):
+            raise InputError(f"--record {self.recording}: a recording for rerun must end in .rrd")
 
     def prepare(self) -> None:
         """Create the folders of the files.

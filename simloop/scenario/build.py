@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from simloop.common.errors import InputError
@@ -97,11 +95,7 @@ def nearest(floor: FloorPlan, point: FloatArray) -> tuple[float, str]:
     Returns:
         The signed distance, m, negative inside, and the name; inf and "nothing" on a free floor.
     """
-    alone = [
-        (float(replace(floor, sections=(section,)).clearance_m(point)[0]), section.name)
-        for section in floor.sections
-    ]
-    return min(alone, default=(float("inf"), "nothing"))
+    return floor.nearest(point)
 
 
 def _check_bounds(scenario: Scenario, where: str) -> None:

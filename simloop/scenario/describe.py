@@ -13,11 +13,12 @@ import mujoco
 import numpy as np
 
 from simloop.common.data_files import models_dir
-from simloop.scenario.scenario import Scenario
+from simloop.common.limits import SHAPES, check_limit
+from simloop.scenario.scenario import MAP_FILES, Scenario
 from simloop.worlds.arena import assemble, bounds_of_spec
 from simloop.worlds.body import Body
 from simloop.worlds.cross_section import sections_of_spec
-from simloop.worlds.floor_plan import rasterise
+from simloop.worlds.floor_plan import check_floor, rasterise
 from simloop.worlds.gazebo_world import read_sdf
 from simloop.worlds.generators.clutter import draw_clutter, hide_from_lidar
 from simloop.worlds.generators.generator import draw_world
@@ -71,6 +72,9 @@ def describe(scenario: Scenario) -> Layout:
 def _without_draws(scenario: Scenario) -> Layout:
     """Make the layout without clutter and crowd: the given parts and the generated world."""
     world = _arena(scenario)
+    if world.bounds_m is not None:
+        check_floor(world.bounds_m)
+    check_limit(len(world.obstacles) + len(scenario.obstacles), SHAPES, "obstacles of the world")
     return replace(
         world,
         obstacles=(*world.obstacles, *scenario.obstacles),
@@ -87,7 +91,7 @@ def _arena(scenario: Scenario) -> Layout:
         rng = np.random.default_rng([scenario.seed, _WORLD_STREAM])
         body = _vehicle()
         return draw_world(scenario.generator, rng, scenario.start, scenario.goal, body)
-    if path.suffix == ".yaml":
+    if path.suffix in MAP_FILES:
         return read_map_world(path)
     if path.suffix in (".world", ".sdf"):
         return read_sdf(path, scenario.bounds_m)

@@ -170,7 +170,7 @@ def apply_override(table: dict[str, Any], text: str) -> None:
     key = MOVED_KEYS.get(".".join(part.strip() for part in key.split(".")), key)
     parts = [part.strip() for part in key.split(".")]
     if not equals or not all(parts):
-        raise InputError(f"--set {text}: write it as key=value, e.g. --set goal=[3.0,2.5]")
+        raise InputError(f"--set {text}: write it as key=value, e.g. --set 'goal=[3.0,2.5]'")
     node: Any = table
     for depth, part in enumerate(parts[:-1]):
         node = _descend(node, part, f"--set {text}: {'.'.join(parts[: depth + 1])}")

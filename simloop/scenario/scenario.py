@@ -31,7 +31,8 @@ from simloop.worlds.terrain import MOST_ROUGH_STEP_S, Loose, Terrain
 Count = Annotated[int, Field(ge=0, lt=2**63)]
 Bounds = tuple[Coordinate, Coordinate, Coordinate, Coordinate]
 _GAZEBO = (".world", ".sdf")
-ARENA_FILES = (".xml", ".yaml", *_GAZEBO)
+MAP_FILES = (".yaml", ".yml")
+ARENA_FILES = (".xml", *MAP_FILES, *_GAZEBO)
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -58,7 +59,7 @@ class Scenario:
         start: (3,) x, y, yaw of base_link in map, m, m, rad.
         goal: (2,) x, y in map, m.
         arena: a name, or a file relative to the scenario's: MJCF (``.xml``), a map_server map
-            (``.yaml``), or a Gazebo world (``.world``, ``.sdf``).
+            (``.yaml``, ``.yml``), or a Gazebo world (``.world``, ``.sdf``).
         title: a few words for lists and pictures.
         description: one or two sentences.
         seed: seed of every random draw.

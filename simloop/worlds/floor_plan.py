@@ -13,10 +13,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from simloop.common.limits import ARENA_SIDE_M, CELLS, check_limit
+from simloop.geometry.outline_distance import (
+    Index,
+    Outlines,
+    distances,
+    each_distance,
+    raster,
+)
 from simloop.messages import FloatArray
 
 BAND_M = (0.02, 0.25)
@@ -42,9 +49,6 @@ class Section:
         self.vertices_m.setflags(write=False)
 
 
-_Packed = tuple[FloatArray, NDArray[np.int64], FloatArray]
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class FloorPlan:
     """Signed distances to the nearest obstacle or wall, negative inside one.
@@ -58,6 +62,8 @@ class FloorPlan:
             are no obstacles.
         bounds_m: (4,) x_min, y_min, x_max, y_max of the free space in map, m.
         sections: the outlines.
+        outlines: the same in arrays.
+        index: the outlines that can be the nearest in each block of the raster, if there are any.
     """
 
     origin_m: FloatArray
@@ -65,10 +71,12 @@ class FloorPlan:
     distance_m: NDArray[np.float32]
     bounds_m: FloatArray
     sections: tuple[Section, ...] = field(repr=False)
-    _outlines: _Packed = field(init=False, repr=False)
+    outlines: Outlines = field(init=False, repr=False)
+    index: Index | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_outlines", _packed(self.sections))
+        object.__setattr__(self, "outlines", _packed(self.sections))
+        object.__setattr__(self, "index", None)
         for array in (self.origin_m, self.distance_m, self.bounds_m):
             array.setflags(write=False)
 
@@ -82,7 +90,23 @@ class FloorPlan:
             (N,) distances, m, negative inside; inf if there are no obstacles.
         """
         points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
-        return _distances(points, *self._outlines)
+        return distances(points, self.outlines, self.index)
+
+    def nearest(self, point_m: Sequence[float] | FloatArray) -> tuple[float, str]:
+        """Find the obstacle nearest to a point.
+
+        Args:
+            point_m: (2,) x, y in map, m.
+
+        Returns:
+            The signed distance, m, negative inside, and the obstacle's name; inf and "nothing" if
+            there are no obstacles.
+        """
+        if not self.sections:
+            return math.inf, "nothing"
+        each = each_distance(np.asarray(point_m, dtype=np.float64), self.outlines)
+        least = float(each.min())
+        return least, min(self.sections[s].name for s in np.flatnonzero(each == least))
 
     def contains(self, point_m: Sequence[float] | FloatArray) -> bool:
         """Tell whether a point is within the bounds.
@@ -106,13 +130,14 @@ def rasterise(
     Args:
         sections: the outlines.
         bounds_m: (4,) x_min, y_min, x_max, y_max of the free space in map, m.
-        resolution_m: size of a cell of the raster, m.
+        resolution_m: size of a cell of the raster, m. A floor that would have more than
+            ``limits.CELLS`` of them gets larger cells.
 
     Returns:
         The floor plan.
 
     Raises:
-        ValueError: the bounds have no area.
+        ValueError: the bounds have no area, or a side is longer than ``limits.ARENA_SIDE_M``.
     """
     bounds = np.array(bounds_m, dtype=np.float64)
     span = bounds[2:] - bounds[:2]
@@ -120,64 +145,64 @@ def rasterise(
         raise ValueError(
             f"bounds must be x_min, y_min, x_max, y_max with a positive area: {bounds}"
         )
+    check_floor(bounds)
+    resolution_m = max(resolution_m, math.sqrt(float(np.prod(span)) / CELLS))
     columns, rows = np.maximum(1, np.ceil(span / resolution_m - 1e-9).astype(int))
     x = bounds[0] + (np.arange(columns) + 0.5) * resolution_m
     y = bounds[1] + (np.arange(rows) + 0.5) * resolution_m
-    centres = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    distance = _distances(centres, *_packed(sections)).reshape(rows, columns)
-    return FloorPlan(
-        bounds[:2].copy(), resolution_m, distance.astype(np.float32), bounds, tuple(sections)
-    )
+    distance, index = raster(x, y, _packed(sections))
+    plan = FloorPlan(bounds[:2].copy(), resolution_m, distance, bounds, tuple(sections))
+    # A copy with other sections must not keep the index, so it is no argument of the constructor.
+    object.__setattr__(plan, "index", index)
+    return plan
 
 
-def _packed(sections: Sequence[Section]) -> _Packed:
-    """Pack all vertices (sum V, 2), the start of each section (S + 1,), and the radii (S,)."""
+def clearances_m(sections: Sequence[Section], points_m: FloatArray) -> FloatArray:
+    """Compute exact signed distances to outlines without making a floor plan.
+
+    Args:
+        sections: the outlines.
+        points_m: (N, 2) x, y in map, m.
+
+    Returns:
+        (N,) distances, m, as `FloorPlan.clearance_m`.
+    """
+    return distances(np.ascontiguousarray(points_m, dtype=np.float64), _packed(sections), None)
+
+
+def check_floor(bounds_m: Sequence[float] | FloatArray) -> None:
+    """Check that a floor is not too large, before memory is taken for it.
+
+    Args:
+        bounds_m: (4,) x_min, y_min, x_max, y_max in map, m.
+
+    Raises:
+        InputError: a side is longer than ``limits.ARENA_SIDE_M``. The text has one line.
+    """
+    x_min, y_min, x_max, y_max = bounds_m
+    check_limit(max(x_max - x_min, y_max - y_min), ARENA_SIDE_M, "a side of the floor", "m")
+
+
+def _packed(sections: Sequence[Section]) -> Outlines:
     outlines = [section.vertices_m for section in sections]
     starts = np.cumsum([0, *(len(outline) for outline in outlines)], dtype=np.int64)
     vertices = np.concatenate(outlines) if outlines else np.zeros((0, 2))
-    return vertices, starts, np.array([section.radius_m for section in sections], dtype=np.float64)
+    radii = np.array([section.radius_m for section in sections], dtype=np.float64)
+    return Outlines(vertices, starts, radii)
 
 
-@njit(cache=True)
-def _distances(
-    points: FloatArray, vertices: FloatArray, starts: NDArray[np.int64], radii: FloatArray
-) -> FloatArray:
-    """Compute the least signed distance (N,) of each point to the outlines of ``_packed``."""
-    out = np.full(len(points), np.inf)
-    for n in range(len(points)):
-        for s in range(len(radii)):
-            inside = starts[s + 1] - starts[s] > 2  # points and segments have no inside
-            nearest = np.inf
-            j = starts[s + 1] - 1
-            for i in range(starts[s], starts[s + 1]):
-                ax, ay = points[n, 0] - vertices[j, 0], points[n, 1] - vertices[j, 1]
-                bx, by = vertices[i, 0] - vertices[j, 0], vertices[i, 1] - vertices[j, 1]
-                # A point is inside if it lies to the left of every counter-clockwise edge.
-                inside = inside and bx * ay - by * ax >= 0.0
-                # The nearest point of the edge, as a share t of its length.
-                length2 = bx * bx + by * by
-                t = 0.0
-                if length2 > 0.0:
-                    t = min(1.0, max(0.0, (ax * bx + ay * by) / length2))
-                nearest = min(nearest, (ax - t * bx) ** 2 + (ay - t * by) ** 2)
-                j = i
-            distance = -np.sqrt(nearest) if inside else np.sqrt(nearest)
-            out[n] = min(out[n], distance - radii[s])
-    return out
-
-
-def outline_edges(plan: FloorPlan) -> tuple[FloatArray, FloatArray]:
-    """List all edges of all outlines.
+def outline_edges(sections: Sequence[Section]) -> tuple[FloatArray, FloatArray]:
+    """List all edges of outlines.
 
     Args:
-        plan: the floor plan.
+        sections: the outlines.
 
     Returns:
         (E, 2, 2) start and end of each edge, x, y in map, m, and (E,) the radius by which its
         outline is grown, m.
     """
     ends, swell = [np.zeros((0, 2, 2))], [np.zeros(0)]
-    for section in plan.sections:
+    for section in sections:
         vertices = section.vertices_m
         ends.append(np.stack([vertices, np.roll(vertices, -1, axis=0)], axis=1))
         swell.append(np.full(len(vertices), section.radius_m))
@@ -257,9 +282,12 @@ def is_passable(plan: FloorPlan, start: FloatArray, goal: FloatArray, radius_m: 
     rows, columns = plan.distance_m.shape
     x = plan.origin_m[0] + (np.arange(columns) + 0.5) * plan.resolution_m
     y = plan.origin_m[1] + (np.arange(rows) + 0.5) * plan.resolution_m
-    centres = np.stack(np.meshgrid(x, y), axis=-1)
-    clearance = np.minimum(plan.distance_m, distance_to_bounds(centres, plan.bounds_m))
-    free = clearance > radius_m + 0.5 * plan.resolution_m
+    # In double precision, as a float32 limit could be on the other side of a cell's distance.
+    least = np.float64(radius_m + 0.5 * plan.resolution_m)
+    free = plan.distance_m > least
+    x_min, y_min, x_max, y_max = plan.bounds_m
+    free &= (np.minimum(x - x_min, x_max - x) > least)[None, :]
+    free &= (np.minimum(y - y_min, y_max - y) > least)[:, None]
     # Start and goal are joined if their cells are in the same connected region of free cells.
     labels = np.asarray(ndimage.label(free)[0])
     cells = ((np.array([start, goal]) - plan.origin_m) / plan.resolution_m).astype(int)

@@ -1,17 +1,19 @@
-"""Read a map_server map (YAML and PGM) as a world. Its occupied cells become boxes."""
+"""Read a map_server map (YAML and picture) as a world. Its occupied cells become boxes."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from simloop.common.errors import InputError
-from simloop.common.map_server import read_cells
-from simloop.worlds.layout import Layout, box
-
-_MOST_BOXES = 5000
+from simloop.common.limits import SHAPES
+from simloop.common.map_server import MapCells, read_cells
+from simloop.worlds.floor_plan import check_floor
+from simloop.worlds.layout import HEIGHT_M, Layout, box
+from simloop.worlds.obstacles import Obstacle
 
 
 def read_map_world(yaml_file: Path) -> Layout:
@@ -21,28 +23,48 @@ def read_map_world(yaml_file: Path) -> Layout:
         yaml_file: the map's YAML file.
 
     Returns:
-        The map's bounds and the boxes.
+        The map's bounds and the boxes. Those of a map with a yaw are turned; the bounds are then
+        the least that hold it, and what they hold beside it is free.
 
     Raises:
-        InputError: the file is not a map, or needs too many boxes. The text has one line.
+        InputError: the file is not a map, is too large, or needs too many boxes. The text has one
+            line.
     """
-    step, origin, odds = read_cells(yaml_file)
-    rows, columns = odds.shape
-    x0, y0 = origin.tolist()
-    found = tile_rectangles(odds > 0.0)
-    if len(found) > _MOST_BOXES:
+    cells = read_cells(yaml_file)
+    corners = cells.corners_m()
+    bounds = (*corners.min(axis=0).tolist(), *corners.max(axis=0).tolist())
+    try:
+        check_floor(bounds)
+    except InputError as error:
+        raise InputError(f"{yaml_file}: {error}") from None
+    found = tile_rectangles(cells.log_odds > 0.0, SHAPES + 1)
+    if len(found) > SHAPES:
         raise InputError(
-            f"{yaml_file}: {len(found):,} boxes would be needed, more than {_MOST_BOXES:,}: "
+            f"{yaml_file}: more than {SHAPES:,} boxes would be needed: "
             "use a coarser or a cleaner picture"
         )
-    boxes = [
-        box(x0 + c0 * step, y0 + r0 * step, x0 + c1 * step, y0 + r1 * step)
-        for r0, c0, r1, c1 in found
-    ]
-    return Layout((x0, y0, x0 + columns * step, y0 + rows * step), tuple(boxes))
+    if cells.yaw_rad == 0.0:
+        step, (x0, y0) = cells.resolution_m, cells.origin_m.tolist()
+        rows, columns = cells.log_odds.shape
+        boxes = [
+            box(x0 + c0 * step, y0 + r0 * step, x0 + c1 * step, y0 + r1 * step)
+            for r0, c0, r1, c1 in found
+        ]
+        return Layout((x0, y0, x0 + columns * step, y0 + rows * step), tuple(boxes))
+    return Layout(bounds, tuple(_turned_box(cells, *one) for one in found))
 
 
-def tile_rectangles(filled: NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:
+def _turned_box(cells: MapCells, row: int, column: int, end_row: int, end_column: int) -> Obstacle:
+    step = cells.resolution_m
+    middle = 0.5 * step * np.array([[column + end_column, row + end_row]])
+    ((x, y),) = cells.place_m(middle).tolist()
+    size = ((end_column - column) * step, (end_row - row) * step)
+    return Obstacle("box", (x, y), size, cells.yaw_rad, HEIGHT_M)
+
+
+def tile_rectangles(
+    filled: NDArray[np.bool_], most: int = SHAPES
+) -> list[tuple[int, int, int, int]]:
     """Cover the filled cells of a grid with rectangles that do not overlap.
 
     The method is greedy: each rectangle is as wide as its first row allows, then as high as
@@ -50,20 +72,36 @@ def tile_rectangles(filled: NDArray[np.bool_]) -> list[tuple[int, int, int, int]
 
     Args:
         filled: (rows, cols) which cells are filled.
+        most: number of rectangles after which the search ends.
 
     Returns:
-        Row, column, row after the end and column after the end of each rectangle.
+        Row, column, row after the end and column after the end of each rectangle, at most
+        ``most``.
     """
-    left = filled.copy()
-    found = []
-    for row, column in np.argwhere(filled).tolist():
-        if not left[row, column]:
-            continue
-        free = np.flatnonzero(~left[row, column:])
-        wide = int(free[0]) if free.size else left.shape[1] - column
-        below = left[row:, column : column + wide].all(axis=1)
-        open_rows = np.flatnonzero(~below)
-        high = int(open_rows[0]) if open_rows.size else left.shape[0] - row
-        left[row : row + high, column : column + wide] = False
-        found.append((row, column, row + high, column + wide))
-    return found
+    return [(r0, c0, r1, c1) for r0, c0, r1, c1 in _tile(filled.copy(), most).tolist()]
+
+
+@njit(cache=True, nogil=True)
+def _tile(left: NDArray[np.bool_], most: int) -> NDArray[np.int64]:
+    """Find the rectangles (N, 4), and empty the cells ``left`` that they cover."""
+    rows, columns = left.shape
+    found = np.empty((most, 4), np.int64)
+    count = 0
+    for row in range(rows):
+        for column in range(columns):
+            if not left[row, column]:
+                continue
+            if count == most:
+                return found
+            wide = column
+            while wide < columns and left[row, wide]:
+                wide += 1
+            high = row
+            while high < rows and left[high, column:wide].all():
+                high += 1
+            left[row:high, column:wide] = False
+            found[count, 0], found[count, 1], found[count, 2], found[count, 3] = (
+                row, column, high, wide,
+            )  # fmt: skip
+            count += 1
+    return found[:count]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from simloop.geometry.outline_distance import within_reach
 from simloop.messages import FloatArray
 from simloop.worlds.body import Outline
 from simloop.worlds.floor_plan import FloorPlan, outline_edges, segment_distances
@@ -54,7 +55,11 @@ def clearances(floor: FloorPlan, poses: FloatArray, outline: Outline) -> FloatAr
     corners = outline_corners(poses, outline)
     # First, the distances between all sides of the rectangle and all edges of the obstacles.
     sides_start, sides_end = corners.reshape(-1, 2), np.roll(corners, -1, axis=1).reshape(-1, 2)
-    edges, swell = outline_edges(floor)
+    # The centre is inside the rectangle. So what is farther from it than the nearest obstacle by
+    # more than the half diagonal is farther from the rectangle, too.
+    reach = 0.5 * float(np.hypot(outline.length_m, outline.width_m))
+    near = np.flatnonzero(within_reach(poses[:, :2], reach, floor.outlines)).tolist()
+    edges, swell = outline_edges([floor.sections[s] for s in near])
     apart = segment_distances(sides_start, sides_end, edges[:, 0], edges[:, 1]) - swell
     gap = apart.min(axis=1).reshape(len(poses), 4).min(axis=1)
     # Sides do not cross if a corner is inside an obstacle or an obstacle inside the outline.

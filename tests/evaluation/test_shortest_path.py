@@ -7,9 +7,11 @@ import math
 
 import numpy as np
 import pytest
+from helpers.plain_shortest_path import shortest_path as plain_shortest_path
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from simloop.evaluation import shortest_path as module
 from simloop.evaluation.shortest_path import shortest_path
 from simloop.worlds.floor_plan import Section, rasterise, segment_distances
 
@@ -123,6 +125,47 @@ def test_agrees_with_the_slow_reference(seed):
     slow = slow_reference(plan, (0, 0), (4, 4), 0.25)
     assert way.length_m <= slow + 2e-3
     assert way.length_m == pytest.approx(slow, rel=5e-3)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_agrees_with_the_whole_tangent_graph(seed):
+    """Boxes on a lattice, flush and overlapping as those of a map, among discs and turned boxes."""
+    rng = np.random.default_rng(seed)
+    sections = []
+    for _ in range(14):
+        x, y = rng.uniform(0.0, 6.0, 2)
+        kind = rng.integers(3)
+        if kind == 0:
+            sections.append(disc(x, y, rng.uniform(0.05, 0.4)))
+        elif kind == 1:
+            length, width = np.round(rng.uniform(0.1, 1.5, 2), 1)
+            sections.append(box(round(x, 1), round(y, 1), length, width))
+        else:
+            sections.append(box(x, y, *rng.uniform(0.1, 1.5, 2), rng.uniform(0, 3)))
+    plan = rasterise(sections, (0.0, 0.0, 6.0, 6.0), 0.05)
+    for _ in range(4):
+        start, goal = rng.uniform(0.0, 6.0, (2, 2))
+        ours = shortest_path(plan, start, goal, 0.2)
+        theirs = plain_shortest_path(plan, start, goal, 0.2)
+        assert (ours is None) == (theirs is None)
+        if ours is not None:
+            assert ours.length_m == pytest.approx(theirs.length_m, abs=1e-12)
+
+
+def test_a_floor_of_too_many_corners_is_told_and_leaves_its_figures_out(monkeypatch):
+    monkeypatch.setattr(module, "_MOST_PAIRS", 10)
+    with pytest.raises(module.TooManyCornersError):
+        solve([box(1, 0, 0.5, 2), box(2, 0.5, 0.5, 2)], (0, 0), (3, 0), 0.2)
+
+
+def test_hundreds_of_cylinders_are_no_matter_of_minutes():
+    rng = np.random.default_rng(3)
+    discs = [disc(x, y, 0.2) for x, y in rng.uniform(1.0, 39.0, (800, 2))]
+    plan = rasterise(discs, (0.0, 0.0, 40.0, 40.0), 0.05)
+    way = shortest_path(plan, np.array([0.4, 0.4]), np.array([39.6, 39.6]), 0.25)
+    straight = math.dist((0.4, 0.4), (39.6, 39.6))
+    assert straight < way.length_m < 1.1 * straight
+    assert plan.clearance_m(way.xy_m).min() >= 0.25 - 1e-6
 
 
 SHAPES = st.lists(

@@ -96,7 +96,7 @@ white = 0.05
 def test_a_file_that_is_no_image_is_refused_in_one_line(tmp_path, bad):
     file = tmp_path / "bad.png"
     file.write_bytes(bad)
-    with pytest.raises(InputError, match="not a PNG image"):
+    with pytest.raises(InputError, match="not a picture"):
         read_grey(str(file))
     for table in (
         f'[tracks.friction_image]\nfile="{file}"\nmin_m=[0,0]\nmax_m=[1,1]\nblack=0.1\nwhite=0.9',

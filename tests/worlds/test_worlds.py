@@ -16,6 +16,7 @@ from simloop.worlds.body import Body
 from simloop.worlds.floor_plan import is_passable, rasterise
 from simloop.worlds.gazebo_world import read_sdf
 from simloop.worlds.generators import buildings, fields, mazes
+from simloop.worlds.generators import generator as generator_module
 from simloop.worlds.generators.generator import Generator, draw_world
 from simloop.worlds.layout import walls_about
 from simloop.worlds.map_server_world import read_map_world, tile_rectangles
@@ -34,6 +35,81 @@ def test_a_world_is_its_seeds_and_can_be_crossed(kind):
     start, goal = np.array(scenario.start[:2]), np.array(scenario.goal)
     assert is_passable(floor, start, goal, 0.5 * BODY.width_m)
     assert floor.bounds_m.tolist() == [0.0, 0.0, *scenario.generator.size_m]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_end_that_no_world_can_have_is_refused_before_any_is_drawn(monkeypatch, kind):
+    monkeypatch.setitem(generator_module._DRAW, kind, None)  # calling it would fail
+    big = Generator(kind, (100.0, 100.0))
+    for start, goal, told in (
+        ((-1.0, 3.0), (9.0, 9.0), r"start \(-1, 3\) is outside the floor"),
+        ((3.0, 3.0), (9.0, math.nan), "goal .* is outside the floor"),
+        ((3.0, 3.0), (99.9, 9.0), r"goal .* is 0.10 m from a wall; the robot needs 0.3"),
+    ):
+        with pytest.raises(ValueError, match=told):
+            draw_world(big, np.random.default_rng(0), start, goal, BODY)
+
+
+def test_a_world_of_too_many_obstacles_is_refused():
+    for generator in (
+        Generator("forest", (100.0, 100.0), width_m=0.05, density=1.0),
+        Generator("barn", (100.0, 100.0)),
+    ):
+        with pytest.raises(InputError, match="at most 20,000 are allowed"):
+            draw_world(generator, np.random.default_rng(0), (3.0, 3.0), (9.0, 9.0), BODY)
+
+
+def test_a_forest_is_the_one_that_a_search_through_all_trunks_gives():
+    def plain(rng, bounds, apart_m, density):
+        low, high = np.array(bounds[:2]), np.array(bounds[2:])
+        darts = int(density * 30 * np.prod(high - low) / (apart_m + 0.25) ** 2)
+        trunks = np.empty((0, 3))
+        for _ in range(darts):
+            place, radius = rng.uniform(low, high), 0.5 * rng.uniform(0.1, 0.4)
+            off = np.hypot(*(trunks[:, :2] - place).T) - trunks[:, 2] - radius
+            if np.all(off >= apart_m):
+                trunks = np.vstack([trunks, [*place, radius]])
+        return trunks
+
+    for apart_m in (0.2, 0.8):
+        given_ = ((0.0, -3.0, 9.0, 7.0), apart_m, 0.3)
+        drawn = fields.forest(np.random.default_rng(7), *given_)
+        trunks = [(*one.position_m, 0.5 * one.size_m[0]) for one in drawn]
+        np.testing.assert_array_equal(trunks, plain(np.random.default_rng(7), *given_))
+
+
+@given(st.integers(0, 2**32), st.floats(0.0, 1.0))
+@settings(max_examples=60)
+def test_the_rectangles_are_those_of_the_plain_greedy_search(seed, share):
+    rng = np.random.default_rng(seed)
+    filled = rng.random(tuple(rng.integers(1, 14, 2))) < share
+    left, expected = filled.copy(), []
+    for row, column in np.argwhere(filled).tolist():
+        if left[row, column]:
+            wide = column + int(np.argmin([*left[row, column:], False]))
+            high = row + int(np.argmin([*left[row:, column:wide].all(axis=1), False]))
+            left[row:high, column:wide] = False
+            expected.append((row, column, high, wide))
+    assert tile_rectangles(filled) == expected
+    assert tile_rectangles(filled, 3) == expected[:3]
+
+
+def test_a_map_of_thousands_of_boxes_is_built(tmp_path):
+    rng = np.random.default_rng(5)
+    picture = np.full((600, 600), 254, np.uint8)
+    for row, column in rng.integers(40, 590, (3500, 2)):
+        picture[row : row + 2, column : column + 3] = 0
+    picture[460:560, 60:160] = picture[60:160, 460:560] = 254
+    (tmp_path / "m.pgm").write_bytes(b"P5 600 600 255\n" + picture.tobytes())
+    (tmp_path / "m.yaml").write_text("image: m.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n")
+    (tmp_path / "s.toml").write_text(
+        'arena = "m.yaml"\nstart = [5, 5, 0]\ngoal = [25, 25]\nmay_be_closed_off = true\n'
+    )
+    floor = build_world(load(tmp_path / "s.toml")).floor
+    assert len(floor.sections) > 2000
+    j, i = np.nonzero(picture[::-1] == 0)
+    inside = floor.clearance_m(0.05 * (np.column_stack([i, j]) + 0.5))
+    assert inside.max() < -0.02
 
 
 def test_a_saved_scenario_gives_the_same_world(tmp_path):

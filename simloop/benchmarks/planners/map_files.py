@@ -8,16 +8,20 @@ receives the blocked cells themselves.
 
 from __future__ import annotations
 
+import math
+import re
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
-import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy import ndimage
 
 from simloop.benchmarks.planners.scenes import Instance
 from simloop.common.errors import InputError
+from simloop.common.input_files import read_bytes
+from simloop.common.pictures import read_picture
 from simloop.messages import FloatArray, WorldView
 
 CELL_M = 0.2
@@ -27,7 +31,9 @@ TASKS = 10
 """Number of tasks from a scenario file, evenly spaced from the first (easiest) to the last."""
 _FINE = 4  # cells of the distance field per side of a map cell
 _MOST_CELLS, _LARGE_CELLS = 2**20, 2**18
-_MOST_BYTES = 2**26
+_MAP_BYTES, _SCENARIO_BYTES = 2**22, 2**24
+_MOST_TASKS = 100_000
+_WHOLE = re.compile(r"\d{1,9}", re.ASCII)
 _FREE, _BLOCKED = ".GS", "@OTW"
 _DARK = 128  # grey value below which a pixel is blocked
 
@@ -40,11 +46,15 @@ class MapTask:
     """One line of a scenario file.
 
     Attributes:
+        map_name: Name of the map's file, perhaps with folders.
+        map_size: Columns and rows of the map.
         start: Column and row of the start cell.
         goal: Column and row of the goal cell.
         length: Length of the optimal path over an eight-connected grid, cells.
     """
 
+    map_name: str
+    map_size: tuple[int, int]
     start: tuple[int, int]
     goal: tuple[int, int]
     length: float
@@ -66,8 +76,8 @@ def load_file(path: Path) -> list[Instance]:
     """Read the tasks of a map, a scenario or an image.
 
     Args:
-        path: A ``.map`` (its ``.map.scen`` is used if it is in the same folder), a ``.scen`` or
-            an image.
+        path: A ``.map`` (its ``.map.scen`` is used if it is in the same folder), a ``.scen`` (its
+            second column names the map) or an image.
 
     Returns:
         At most `TASKS` tasks. Without a scenario there is one, across the map's largest open area.
@@ -79,29 +89,54 @@ def load_file(path: Path) -> list[Instance]:
     if suffix in IMAGES:
         return _instances(path, read_image(path), [])
     if suffix == ".scen":
-        tasks = parse_scenario(_text(path), path)
-        beside = path.with_suffix("")
-        if beside.suffix.lower() != ".map":
-            beside = path.with_suffix(".map")
-        return _instances(path, parse_map(_text(beside), beside), tasks)
-    blocked = parse_map(_text(path), path)
+        tasks = parse_scenario(_text(path, _SCENARIO_BYTES), path)
+        named = _map_of(path, tasks)
+        blocked = parse_map(_text(named, _MAP_BYTES), named)
+        _check_map_size(path, tasks, blocked)
+        return _instances(path, blocked, tasks)
+    blocked = parse_map(_text(path, _MAP_BYTES), path)
     scenario = Path(f"{path}.scen")
-    tasks = parse_scenario(_text(scenario), scenario) if scenario.is_file() else []
+    if not scenario.exists():
+        return _instances(path, blocked, [])
+    tasks = parse_scenario(_text(scenario, _SCENARIO_BYTES), scenario)
+    if _name_of(tasks[0]) != path.name:
+        raise InputError(f"{scenario}: line 2: its tasks are on {tasks[0].map_name}, not on {path}")
+    _check_map_size(scenario, tasks, blocked)
     return _instances(path, blocked, tasks)
 
 
-def _bytes(path: Path) -> bytes:
-    """Read a file; raise InputError if it is too large or cannot be read."""
-    try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise InputError(f"{path}: larger than {_MOST_BYTES >> 20} MB")
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None
+def _map_of(scenario: Path, tasks: list[MapTask]) -> Path:
+    """Find the map that a scenario file names: relative to the file's folder, or just in it."""
+    named = PurePosixPath(tasks[0].map_name.replace("\\", "/"))
+    places = [scenario.parent / named.name]
+    if not named.is_absolute() and ".." not in named.parts:
+        places.insert(0, scenario.parent / named)
+    for place in places:
+        if named.name and place.is_file():
+            return place
+    raise InputError(
+        f"{scenario}: its map {named} is neither at {' nor at '.join(map(str, places))}"
+    )
 
 
-def _text(path: Path) -> str:
-    return _bytes(path).decode("latin-1")
+def _name_of(task: MapTask) -> str:
+    return PurePosixPath(task.map_name.replace("\\", "/")).name
+
+
+def _check_map_size(scenario: Path, tasks: list[MapTask], blocked: Blocked) -> None:
+    """Raise InputError if the tasks are on a map of another size, e.g. on a scaled one."""
+    rows, cols = blocked.shape
+    for number, task in enumerate(tasks, start=1):
+        if task.map_size != (cols, rows):
+            width, height = task.map_size
+            raise InputError(
+                f"{scenario}: task {number} is on a map of {width} x {height} cells, but "
+                f"{_name_of(task)} has {cols} x {rows}"
+            )
+
+
+def _text(path: Path, most_bytes: int) -> str:
+    return read_bytes(path, most_bytes).decode("latin-1")
 
 
 def parse_map(text: str, source: Path) -> Blocked:
@@ -161,7 +196,7 @@ def parse_scenario(text: str, source: Path) -> list[MapTask]:
     """Read a MovingAI scenario.
 
     Each line has nine columns: bucket, map, its width and height, column and row of the start and
-    of the goal, optimal octile length.
+    of the goal, optimal octile length. All lines are on the same map.
 
     Args:
         text: The file's content.
@@ -176,28 +211,43 @@ def parse_scenario(text: str, source: Path) -> list[MapTask]:
     lines = text.splitlines()
     if not lines or lines[0].split() not in (["version", "1"], ["version", "1.0"]):
         raise InputError(f"{source}: line 1: expected 'version 1'")
-    tasks = []
+    tasks: list[MapTask] = []
     for number, line in enumerate(lines[1:], start=2):
         if not line.strip():
             continue
+        where = f"{source}: line {number}"
         words = line.split("\t") if "\t" in line else line.split()
         if len(words) != 9:
-            raise InputError(f"{source}: line {number}: {len(words)} columns, expected 9")
-        try:
-            x0, y0, x1, y1 = (int(word) for word in words[4:8])
-            length = float(words[8])
-        except ValueError:
-            raise InputError(f"{source}: line {number}: columns 5 to 9 must be numbers") from None
-        if not np.isfinite(length) or length < 0.0 or min(x0, y0, x1, y1) < 0:
-            raise InputError(f"{source}: line {number}: a cell or length is negative or not finite")
-        tasks.append(MapTask((x0, y0), (x1, y1), length))
+            raise InputError(f"{where}: {len(words)} columns, expected 9")
+        task = _task(words, where)
+        if tasks and task.map_name != tasks[0].map_name:
+            raise InputError(
+                f"{where}: is on {task.map_name}, the ones before on {tasks[0].map_name}"
+            )
+        tasks.append(task)
+        if len(tasks) > _MOST_TASKS:
+            raise InputError(f"{where}: more than {_MOST_TASKS:,} tasks")
     if not tasks:
         raise InputError(f"{source}: contains no task")
     return tasks
 
 
+def _task(words: list[str], where: str) -> MapTask:
+    """Read the columns of one line."""
+    if not all(_WHOLE.fullmatch(word.strip()) for word in words[2:8]):
+        raise InputError(f"{where}: columns 3 to 8 must be whole numbers of at most nine digits")
+    width, height, x0, y0, x1, y1 = (int(word) for word in words[2:8])
+    try:
+        length = float(words[8])
+    except ValueError:
+        length = math.nan
+    if not math.isfinite(length) or length < 0.0:
+        raise InputError(f"{where}: column 9 must be a length, 0 or more")
+    return MapTask(words[1].strip(), (width, height), (x0, y0), (x1, y1), length)
+
+
 def read_image(path: Path) -> Blocked:
-    """Read an image as a map.
+    """Read an image as a map, as a viewer shows it: turned by its EXIF orientation, on white.
 
     Args:
         path: The image; transparent pixels count as white.
@@ -206,25 +256,12 @@ def read_image(path: Path) -> Blocked:
         (rows, cols), row 0 at the top: True if a pixel is dark.
 
     Raises:
-        InputError: The file is not an image, or too large.
+        InputError: The file is not an image, is damaged, or is too large.
     """
-    data = np.frombuffer(_bytes(path), dtype=np.uint8)
-    try:
-        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
-    except cv2.error:
-        image = None
-    if image is None or image.size == 0:
-        raise InputError(f"{path}: not an image that can be read")
-    if image.shape[0] * image.shape[1] > _MOST_CELLS:
-        raise InputError(f"{path}: more than {_MOST_CELLS} pixels, the largest size allowed")
-    if image.dtype != np.uint8:
-        most = 65535.0 if image.dtype == np.uint16 else 1.0
-        image = np.clip(image / most * 255.0, 0, 255).astype(np.uint8)
-    if image.ndim == 2:
-        return np.asarray(image < _DARK)
-    grey = image[..., :3].mean(axis=2)
-    if image.shape[2] == 4:
-        grey = 255.0 - (255.0 - grey) * (image[..., 3] / 255.0)
+    picture = read_picture(path, _MOST_CELLS)
+    grey = picture.levels * (255.0 / picture.white)
+    if picture.opacity is not None:
+        grey = 255.0 - (255.0 - grey) * (picture.opacity / 255.0)
     return np.asarray(grey < _DARK)
 
 
@@ -299,20 +336,28 @@ def _furthest(blocked: Blocked, path: Path) -> MapTask:
     if count == 0:
         raise InputError(f"{path}: contains no free cell")
     part = parts == 1 + int(np.argmax(np.bincount(parts.ravel())[1:]))
-    begin = _last_reached(part, tuple(np.argwhere(part)[0]))
-    end = _last_reached(part, begin)
-    return MapTask((begin[1], begin[0]), (end[1], end[0]), 0.0)
+    begin = _last_reached(part, *map(int, np.argwhere(part)[0]))
+    end = _last_reached(part, *begin)
+    return MapTask(path.name, blocked.shape[::-1], (begin[1], begin[0]), (end[1], end[0]), 0.0)
 
 
-def _last_reached(part: Blocked, cell: tuple[int, ...]) -> tuple[int, int]:
+@njit(cache=True)
+def _last_reached(part: Blocked, row: int, column: int) -> tuple[int, int]:
     """Find the cell (row, column) that a wave over four neighbours reaches last."""
-    wave = np.zeros_like(part)
-    wave[cell] = True
-    front = wave
-    while True:
-        spread = ndimage.binary_dilation(front) & part & ~wave
-        if not spread.any():
-            row, col = np.argwhere(front)[0]
-            return int(row), int(col)
-        front = spread
-        wave |= spread
+    rows, columns = part.shape
+    steps = np.full(part.shape, -1, np.int64)
+    queue = np.empty((part.size, 2), np.int64)
+    steps[row, column], queue[0, 0], queue[0, 1] = 0, row, column
+    first, last = 0, 1
+    while first < last:
+        r, c = queue[first]
+        first += 1
+        for dr, dc in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+            r1, c1 = r + dr, c + dc
+            inside = 0 <= r1 < rows and 0 <= c1 < columns
+            if inside and part[r1, c1] and steps[r1, c1] < 0:
+                steps[r1, c1] = steps[r, c] + 1
+                queue[last, 0], queue[last, 1] = r1, c1
+                last += 1
+    most = int(np.argmax(steps))
+    return most // columns, most % columns

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
+from simloop.common.limits import SHAPES, check_limit
+from simloop.messages import FloatArray
 from simloop.worlds.layout import Bounds
 from simloop.worlds.obstacles import Obstacle
 
@@ -67,12 +69,43 @@ def forest(
     low, high = np.array(bounds[:2]), np.array(bounds[2:])
     mean_m = apart_m + sum(_TRUNK_M) / 2
     darts = int(density * _PER_PLACE * np.prod(high - low) / mean_m**2)
-    places, radii = np.empty((0, 2)), np.empty(0)
+    near = _Trunks(apart_m)
     for _ in range(darts):
         place, radius = rng.uniform(low, high), 0.5 * rng.uniform(*_TRUNK_M)
-        if np.all(np.hypot(*(places - place).T) - radii - radius >= apart_m):
-            places, radii = np.vstack([places, place]), np.append(radii, radius)
+        if near.keeps_apart(place, radius):
+            near.add(place, radius)
+            check_limit(len(near.trunks), SHAPES, "generator: trunks of this forest")
     return [
         Obstacle("cylinder", (float(x), float(y)), (2.0 * float(r),), 0.0, 0.6)
-        for (x, y), r in zip(places, radii, strict=True)
+        for x, y, r in near.trunks
     ]
+
+
+class _Trunks:
+    """The trunks of a forest, by squares that are as large as two trunks can be too near."""
+
+    def __init__(self, apart_m: float) -> None:
+        self.trunks: list[tuple[float, float, float]] = []
+        self._apart_m, self._side_m = apart_m, apart_m + 1.1 * _TRUNK_M[1]
+        self._squares: dict[tuple[int, int], list[int]] = {}
+
+    def keeps_apart(self, place: FloatArray, radius: float) -> bool:
+        """Tell whether a new trunk keeps its distance from all others."""
+        i, j = self._square(place)
+        near = [
+            self.trunks[number]
+            for di in (-1, 0, 1)
+            for dj in (-1, 0, 1)
+            for number in self._squares.get((i + di, j + dj), ())
+        ]
+        if not near:
+            return True
+        x, y, radii = np.array(near).T
+        return bool(np.all(np.hypot(x - place[0], y - place[1]) - radii - radius >= self._apart_m))
+
+    def add(self, place: FloatArray, radius: float) -> None:
+        self._squares.setdefault(self._square(place), []).append(len(self.trunks))
+        self.trunks.append((float(place[0]), float(place[1]), radius))
+
+    def _square(self, place: FloatArray) -> tuple[int, int]:
+        return int(place[0] // self._side_m), int(place[1] // self._side_m)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Annotated, Literal
 
@@ -9,9 +10,15 @@ import numpy as np
 from pydantic import Field, model_validator
 from pydantic.dataclasses import dataclass
 
+from simloop.common.limits import SHAPES, check_limit
 from simloop.common.quantities import STRICT, Fraction, reject
 from simloop.worlds.body import Body
-from simloop.worlds.floor_plan import is_passable, rasterise
+from simloop.worlds.floor_plan import (
+    clearances_m,
+    distance_to_bounds,
+    is_passable,
+    rasterise,
+)
 from simloop.worlds.generators import buildings, fields, mazes
 from simloop.worlds.layout import WALL_M, Bounds, Layout, walls_about
 from simloop.worlds.obstacles import Obstacle
@@ -85,24 +92,53 @@ def draw_world(
         The floor's bounds and its obstacles, including the walls.
 
     Raises:
-        ValueError: none of 200 worlds can be crossed.
+        ValueError: the start or the goal is outside or too near to a wall, the world has too many
+            obstacles, or none of 200 worlds can be crossed.
     """
     ends, bounds = np.array([start[:2], goal[:2]], float), generator.bounds_m
     turning_m = body.turning_radius_m + _TURNING_ROOM_M
     half_m = 0.5 * body.width_m + _SLACK_M
+    _check_ends(ends, bounds, turning_m - _TURNING_ROOM_M)
     for _ in range(_TRIALS):
         things = _DRAW[generator.kind](generator, rng, ends)
+        check_limit(len(things), SHAPES, f"generator: obstacles of this {generator.kind}")
         if generator.kind in ("barn", "forest"):
             things = [one for one in things if _clear(one, ends, turning_m)]
         obstacles = [*walls_about(bounds), *things]
+        if not _roomy(obstacles, ends, turning_m - _TURNING_ROOM_M):
+            continue
         plan = rasterise([s for one in obstacles for s in one.sections()], bounds, _RASTER_M)
-        roomy = bool(np.all(plan.clearance_m(ends) >= turning_m - _TURNING_ROOM_M))
-        if roomy and is_passable(plan, ends[0], ends[1], half_m):
+        if is_passable(plan, ends[0], ends[1], half_m):
             return Layout(bounds, tuple(obstacles))
     raise ValueError(
         f"generator: no passable {generator.kind} in {_TRIALS} trials; ask for more room, "
         "or move start or goal"
     )
+
+
+def _check_ends(ends: np.ndarray, bounds: Bounds, room_m: float) -> None:
+    """Raise ValueError for ends (2, 2) that no world can have, before any is drawn."""
+    for key, end, gap in zip(
+        ("start", "goal"), ends, distance_to_bounds(ends, np.array(bounds)), strict=True
+    ):
+        place = f"generator: {key} ({end[0]:g}, {end[1]:g})"
+        if not gap >= 0.0:
+            raise ValueError(f"{place} is outside the floor")
+        if gap < room_m:
+            raise ValueError(
+                f"{place} is {gap:.2f} m from a wall; the robot needs {room_m:.2f} m to turn there"
+            )
+
+
+def _roomy(obstacles: Sequence[Obstacle], ends: np.ndarray, room_m: float) -> bool:
+    """Tell whether all obstacles leave enough room at both ends (2, 2)."""
+    places = np.array([one.position_m for one in obstacles])
+    reach = np.array([math.hypot(*one.size_m) for one in obstacles]) + room_m
+    near = np.zeros(len(obstacles), np.bool_)
+    for end in ends:
+        near |= np.hypot(*(places - end).T) <= reach
+    sections = [s for index in np.flatnonzero(near).tolist() for s in obstacles[index].sections()]
+    return bool(np.all(clearances_m(sections, ends) >= room_m))
 
 
 def _clear(one: Obstacle, ends: np.ndarray, room_m: float) -> bool:
