@@ -1,0 +1,184 @@
+"""Compute the outline of a mesh between two heights, as convex polygons.
+
+The outline of a solid between two heights is the union of two things: its cut at any height
+between them, and all of its surface between them, seen from above. A mesh whose surface is not
+closed has no inside there, so its surface alone is in the way.
+"""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from simloop.messages import FloatArray
+from simloop.worlds.gazebo.convex_parts import MOST_EDGES, closed_edges, convex_parts
+
+_CUT_AT = 0.4876  # share of the height of the cut; at a plain number many meshes have vertices
+_FLAT_M2 = 1e-9  # a triangle that is smaller seen from above stands upright
+_JOIN_M = 1e-5  # ends of cuts that are nearer are joined
+_PIXEL_M = 0.005
+_MOST_PIXELS = 4000  # along a side of the picture
+_LINE_PIXELS = 3  # thickness of an open surface; its outline is then 1 cm thick
+_COARSEST = 64.0  # largest factor of rounding, in pixels
+
+
+def outline_between(triangles: FloatArray, low_m: float, high_m: float) -> list[FloatArray] | None:
+    """Compute the outline of a mesh between two heights.
+
+    It is exact if the surface is closed there and has few edges. Otherwise it is drawn with pixels
+    of 5 mm, or 1/4000 of the mesh if that is more.
+
+    Args:
+        triangles: (N, 3, 3) corners, x, y, z, m. Those of a closed surface run counter-clockwise
+            seen from outside.
+        low_m: the lower height, m.
+        high_m: the upper height, m.
+
+    Returns:
+        Convex polygons (V, 2), counter-clockwise; None if the outline is too intricate.
+    """
+    heights = triangles[:, :, 2]
+    near = (heights.max(axis=1) > low_m) & (heights.min(axis=1) < high_m)
+    clipped = [_clip(one, low_m, high_m) for one in triangles[near]]
+    surfaces = [one for one in clipped if len(one) >= 2]
+    faces = [one for one in map(_anticlockwise, surfaces) if one is not None]
+    upright = [_span(one) for one in surfaces if _anticlockwise(one) is None]
+    cut = _cut(triangles[near], low_m + _CUT_AT * (high_m - low_m))
+    is_closed = _closed(cut)
+    edges = np.concatenate([cut[is_closed], *map(closed_edges, faces)])
+    if len(edges) <= MOST_EDGES:
+        parts = convex_parts(edges)
+        if _covers(parts, np.concatenate([cut[~is_closed], np.array(upright).reshape(-1, 2, 2)])):
+            return parts
+    return _drawn(cut, is_closed, faces, upright)
+
+
+def _clip(corners: FloatArray, low: float, high: float) -> FloatArray:
+    """Cut a triangle (3, 3) to a band of heights; from above, (V, 2)."""
+    for level, side in ((low, 1.0), (high, -1.0)):
+        depth = side * (corners[:, 2] - level)
+        kept = []
+        for k in range(len(corners)):
+            a, b = depth[k - 1], depth[k]
+            if (a < 0.0) != (b < 0.0):
+                kept.append(corners[k - 1] + a / (a - b) * (corners[k] - corners[k - 1]))
+            if b >= 0.0:
+                kept.append(corners[k])
+        corners = np.array(kept).reshape(-1, 3)
+    return corners[:, :2]
+
+
+def _anticlockwise(polygon: FloatArray) -> FloatArray | None:
+    """Put a polygon (V, 2) into counter-clockwise order; None if it has no area."""
+    x, y = polygon.T
+    area = 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+    if abs(area) < _FLAT_M2:
+        return None
+    return polygon if area > 0.0 else polygon[::-1]
+
+
+def _span(polygon: FloatArray) -> FloatArray:
+    """Find the ends (2, 2) of a polygon without area."""
+    ends = [polygon[np.argmin(polygon @ axis)] for axis in (np.eye(2)[0], -np.eye(2)[0])]
+    if np.ptp(polygon[:, 1]) > np.ptp(polygon[:, 0]):
+        ends = [polygon[np.argmin(polygon[:, 1])], polygon[np.argmax(polygon[:, 1])]]
+    return np.array(ends)
+
+
+def _cut(triangles: FloatArray, level: float) -> FloatArray:
+    """Cut triangles (N, 3, 3) at a height; segments (S, 2, 2) with the inside on their left."""
+    above = triangles[:, :, 2] >= level
+    crossing = above.any(axis=1) & ~above.all(axis=1)
+    triangles, above = triangles[crossing], above[crossing]
+    if not len(triangles):
+        return np.zeros((0, 2, 2))
+    # Turn each triangle so that the corner alone on its side comes first.
+    alone = np.where(above.sum(axis=1) == 1, above.argmax(axis=1), (~above).argmax(axis=1))
+    order = (alone[:, None] + np.arange(3)) % 3
+    rows = np.arange(len(triangles))[:, None]
+    first, second, third = triangles[rows, order].transpose(1, 0, 2)
+    ends = []
+    for other in (second, third):
+        share = (level - first[:, 2]) / (other[:, 2] - first[:, 2])
+        ends.append(first[:, :2] + share[:, None] * (other - first)[:, :2])
+    segments = np.stack(ends, axis=1)
+    up = above[np.arange(len(above)), alone]
+    # Seen from outside, a corner on top has its second neighbour on the right side.
+    segments[~up] = segments[~up][:, ::-1]
+    return segments[:, ::-1]
+
+
+def _closed(segments: FloatArray) -> NDArray[np.bool_]:
+    """Tell which segments (S, 2, 2) are parts of closed outlines, (S,)."""
+    if not len(segments):
+        return np.zeros(0, bool)
+    cells = np.round(segments.reshape(-1, 2) / _JOIN_M).astype(np.int64)
+    _, points = np.unique(cells, axis=0, return_inverse=True)
+    start, end = points.reshape(-1, 2).T
+    count = int(points.max()) + 1
+    balance = np.bincount(start, minlength=count) - np.bincount(end, minlength=count)
+    graph = coo_matrix((np.ones(len(start)), (start, end)), (count, count))
+    _, label = connected_components(graph, directed=False)
+    is_open = np.zeros(count, bool)
+    is_open[label[balance != 0]] = True
+    return ~is_open[label[start]]
+
+
+def _covers(parts: list[FloatArray], segments: FloatArray) -> bool:
+    """Tell whether segments (S, 2, 2) lie inside convex polygons or on their borders."""
+    points = np.concatenate([segments[:, 0], segments[:, 1], segments.mean(axis=1)])
+    left = np.ones(len(points), bool)
+    for part in parts:
+        if not left.any():
+            return True
+        along = np.roll(part, -1, axis=0) - part
+        along /= np.maximum(np.linalg.norm(along, axis=1), 1e-12)[:, None]
+        gap = points[left][:, None] - part
+        depth = along[:, 0] * gap[..., 1] - along[:, 1] * gap[..., 0]
+        left[left] = depth.min(axis=1) < -1e-4
+    return not left.any()
+
+
+def _drawn(
+    cut: FloatArray,
+    is_closed: NDArray[np.bool_],
+    faces: list[FloatArray],
+    upright: list[FloatArray],
+) -> list[FloatArray] | None:
+    """Draw the outline as a picture and cut that into convex polygons; None if too intricate."""
+    lines = [*cut, *upright]
+    points = np.concatenate([np.zeros((0, 2)), *faces, *lines])
+    if not len(points):
+        return []
+    low, size = points.min(axis=0), float(np.ptp(points, axis=0).max())
+    step = max(_PIXEL_M, size / _MOST_PIXELS)
+    rim = _LINE_PIXELS + 1
+    picture = np.zeros(
+        (np.ceil(np.ptp(points, axis=0) / step).astype(int) + 2 * rim + 1)[::-1], np.uint8
+    )
+
+    def pixels(polygon: FloatArray) -> NDArray[np.int32]:
+        return np.round((polygon - low) / step + rim).astype(np.int32)
+
+    closed = cut[is_closed]
+    if 0 < len(closed) <= MOST_EDGES:
+        for part in convex_parts(closed):
+            cv2.fillConvexPoly(picture, pixels(part), 1)
+    for face in faces:
+        cv2.fillConvexPoly(picture, pixels(face), 1)
+    for line in lines:
+        cv2.line(picture, pixels(line)[0].tolist(), pixels(line)[1].tolist(), 1, _LINE_PIXELS)
+    contours, _ = cv2.findContours(picture, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    coarse = 1.0
+    while coarse <= _COARSEST:
+        loops = [cv2.approxPolyDP(one, coarse, True).reshape(-1, 2) for one in contours]
+        edges = [closed_edges((loop - rim) * step + low) for loop in loops if len(loop) > 2]
+        if sum(map(len, edges)) <= MOST_EDGES:
+            return convex_parts(np.concatenate([np.zeros((0, 2, 2)), *edges]), even_odd=True)
+        coarse *= math.sqrt(2.0)
+    return None
