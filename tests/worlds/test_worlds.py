@@ -207,7 +207,7 @@ def test_a_gazebo_world_stands_where_its_nested_poses_put_it(tmp_path):
     ("old", "new", "told"),
     [
         ("<cylinder><radius>0.075</radius><length>0.6</length></cylinder>",
-         "<mesh><uri>model://tree.dae</uri></mesh>", "model post: mesh: model://tree.dae: not found"),
+         "<mesh><uri>model://tree.dae</uri></mesh>", "post: mesh: model://tree.dae: not found"),
         ("1 2 0.3 0 0 0", "1 2", "model post: pose '1 2': not 6 numbers"),
         ("<radius>0.075", "<radius>-1", "impossible size"),
         ("<radius>0.075</radius>", "<radius>nan</radius>", "not 1 numbers"),

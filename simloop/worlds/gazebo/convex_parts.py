@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from simloop.messages import FloatArray
 
-MOST_EDGES = 1500
-"""Edges of a figure, at most. Every edge is tested against every other."""
-
+_MOST_EDGES = 1500  # every edge is tested against every other
+_MOST_HEIGHTS = 6000
 _SAME_M = 1e-7  # heights that differ by less are the same
 _THIN_M = 1e-5  # a part that is thinner is left out
 
@@ -23,26 +22,30 @@ class _Open(NamedTuple):
     bottom: tuple[float, float, float]  # y, and x at the left and right edge
 
 
-def convex_parts(edges: FloatArray, *, even_odd: bool = False) -> list[FloatArray]:
+def convex_parts(edges: FloatArray, *, even_odd: bool = False) -> list[FloatArray] | None:
     """Cut the inside of closed outlines into trapezoids.
 
     The method sweeps a line upwards over the heights at which edges begin, end or cross. Between
     two such heights edges do not cross, and the inside is a row of trapezoids.
 
     Args:
-        edges: (E, 2, 2) start and end of each edge of all outlines, x, y, m. At most
-            ``MOST_EDGES``.
+        edges: (E, 2, 2) start and end of each edge of all outlines, x, y, m.
         even_odd: whether a point is inside if a ray from it crosses an odd number of edges.
             Otherwise it is inside if the outlines that run counter-clockwise about it outnumber
             those that run clockwise.
 
     Returns:
-        Convex polygons (V, 2), counter-clockwise, that cover the inside without overlap.
+        Convex polygons (V, 2), counter-clockwise, that cover the inside without overlap; None if
+        there are more than 1500 edges, or too many crossings.
     """
     edges = edges[np.abs(edges[:, 0, 1] - edges[:, 1, 1]) > _SAME_M]
     if not len(edges):
         return []
+    if len(edges) > _MOST_EDGES:
+        return None
     heights = _heights(edges)
+    if len(heights) > _MOST_HEIGHTS:
+        return None
     low, high = edges[:, :, 1].min(axis=1), edges[:, :, 1].max(axis=1)
     # An edge that leads down has the inside of a counter-clockwise outline to its right.
     turns = np.where(edges[:, 1, 1] < edges[:, 0, 1], 1, -1)

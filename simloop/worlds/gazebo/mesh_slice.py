@@ -16,11 +16,13 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from simloop.messages import FloatArray
-from simloop.worlds.gazebo.convex_parts import MOST_EDGES, closed_edges, convex_parts
+from simloop.worlds.gazebo.convex_parts import closed_edges, convex_parts
 
 _CUT_AT = 0.4876  # share of the height of the cut; at a plain number many meshes have vertices
 _FLAT_M2 = 1e-9  # a triangle that is smaller seen from above stands upright
 _JOIN_M = 1e-5  # ends of cuts that are nearer are joined
+_NEAR_M = 1e-4  # a line that is nearer to a filled outline is part of it
+_SHEET_M = 0.01  # thickness of an open surface
 _PIXEL_M = 0.005
 _MOST_PIXELS = 4000  # along a side of the picture
 _LINE_PIXELS = 3  # thickness of an open surface; its outline is then 1 cm thick
@@ -49,13 +51,18 @@ def outline_between(triangles: FloatArray, low_m: float, high_m: float) -> list[
     faces = [one for one in map(_anticlockwise, surfaces) if one is not None]
     upright = [_span(one) for one in surfaces if _anticlockwise(one) is None]
     cut = _cut(triangles[near], low_m + _CUT_AT * (high_m - low_m))
-    is_closed = _closed(cut)
-    edges = np.concatenate([cut[is_closed], *map(closed_edges, faces)])
-    if len(edges) <= MOST_EDGES:
-        parts = convex_parts(edges)
-        if _covers(parts, np.concatenate([cut[~is_closed], np.array(upright).reshape(-1, 2, 2)])):
+    loops, open_cut = _loops(cut)
+    edges = np.concatenate([np.zeros((0, 2, 2)), *map(closed_edges, [*loops, *faces])])
+    lines = np.concatenate([open_cut, np.array(upright).reshape(-1, 2, 2)])
+    parts = convex_parts(edges)
+    if parts is not None:
+        sheets = [_thick(line) for line in lines[~_covered(parts, lines)]]
+        if not sheets:
+            return [loops[0]] if len(loops) == 1 and not faces and _is_convex(loops[0]) else parts
+        parts = convex_parts(np.concatenate([edges, *map(closed_edges, sheets)]))
+        if parts is not None:
             return parts
-    return _drawn(cut, is_closed, faces, upright)
+    return _drawn(loops, faces, lines)
 
 
 def _clip(corners: FloatArray, low: float, high: float) -> FloatArray:
@@ -110,75 +117,124 @@ def _cut(triangles: FloatArray, level: float) -> FloatArray:
     up = above[np.arange(len(above)), alone]
     # Seen from outside, a corner on top has its second neighbour on the right side.
     segments[~up] = segments[~up][:, ::-1]
-    return segments[:, ::-1]
+    return segments
 
 
-def _closed(segments: FloatArray) -> NDArray[np.bool_]:
-    """Tell which segments (S, 2, 2) are parts of closed outlines, (S,)."""
+def _loops(segments: FloatArray) -> tuple[list[FloatArray], FloatArray]:
+    """Join segments (S, 2, 2) to closed outlines (V, 2); the rest of them is open."""
     if not len(segments):
-        return np.zeros(0, bool)
+        return [], segments
     cells = np.round(segments.reshape(-1, 2) / _JOIN_M).astype(np.int64)
-    _, points = np.unique(cells, axis=0, return_inverse=True)
-    start, end = points.reshape(-1, 2).T
-    count = int(points.max()) + 1
+    _, first, points = np.unique(cells, axis=0, return_index=True, return_inverse=True)
+    places, (start, end) = segments.reshape(-1, 2)[first], points.reshape(-1, 2).T
+    count = len(places)
     balance = np.bincount(start, minlength=count) - np.bincount(end, minlength=count)
     graph = coo_matrix((np.ones(len(start)), (start, end)), (count, count))
     _, label = connected_components(graph, directed=False)
     is_open = np.zeros(count, bool)
     is_open[label[balance != 0]] = True
-    return ~is_open[label[start]]
+    is_open = is_open[label[start]]
+    following: dict[int, list[int]] = {}
+    for a, b in zip(start[~is_open].tolist(), end[~is_open].tolist(), strict=True):
+        if a != b:
+            following.setdefault(a, []).append(b)
+    loops = []
+    while following:
+        at = begun = next(iter(following))
+        way = []
+        while at in following:  # as many segments end at a point as begin there
+            way.append(at)
+            onward = following[at]
+            after = onward.pop()
+            if not onward:
+                del following[at]
+            at = after
+            if at == begun:
+                break
+        loop = _without_straight_corners(places[way])
+        if len(loop) > 2:
+            loops.append(loop)
+    return loops, segments[is_open]
 
 
-def _covers(parts: list[FloatArray], segments: FloatArray) -> bool:
-    """Tell whether segments (S, 2, 2) lie inside convex polygons or on their borders."""
+def _without_straight_corners(loop: FloatArray) -> FloatArray:
+    """Leave out the corners (V, 2) that lie on a straight side."""
+    while len(loop) > 2:
+        before, after = loop - np.roll(loop, 1, axis=0), np.roll(loop, -1, axis=0) - loop
+        cross = np.abs(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0])
+        chord = np.linalg.norm(before + after, axis=1)
+        on_side = (cross <= 0.1 * _JOIN_M * chord) & (np.sum(before * after, axis=1) >= 0.0)
+        # Of neighbours only one goes at a time, or a fine arc would vanish.
+        on_side &= ~np.roll(on_side, 1) | (np.arange(len(loop)) % 2 == 0)
+        if not on_side.any():
+            break
+        loop = loop[~on_side]
+    return loop
+
+
+def _is_convex(loop: FloatArray) -> bool:
+    """Tell whether an outline (V, 2) is convex and runs counter-clockwise once."""
+    sides = np.roll(loop, -1, axis=0) - loop
+    onward = np.roll(sides, -1, axis=0)
+    turns = np.arctan2(
+        sides[:, 0] * onward[:, 1] - sides[:, 1] * onward[:, 0], np.sum(sides * onward, axis=1)
+    )
+    return bool(turns.min() > 0.0 and abs(turns.sum() - 2.0 * math.pi) < 1e-6)
+
+
+def _thick(line: FloatArray) -> FloatArray:
+    """Make the rectangle (4, 2) of a line (2, 2) that is an open surface seen from above."""
+    along = line[1] - line[0]
+    length = float(np.linalg.norm(along))
+    along = along / length if length > 0.0 else np.array([1.0, 0.0])
+    ahead, left = 0.5 * _SHEET_M * along, 0.5 * _SHEET_M * np.array([-along[1], along[0]])
+    a, b = line[0] - ahead, line[1] + ahead
+    return np.array([a - left, b - left, b + left, a + left])
+
+
+def _covered(parts: list[FloatArray], segments: FloatArray) -> NDArray[np.bool_]:
+    """Tell which segments (S, 2, 2) lie inside convex polygons or on their borders, (S,)."""
     points = np.concatenate([segments[:, 0], segments[:, 1], segments.mean(axis=1)])
     left = np.ones(len(points), bool)
     for part in parts:
         if not left.any():
-            return True
+            break
         along = np.roll(part, -1, axis=0) - part
         along /= np.maximum(np.linalg.norm(along, axis=1), 1e-12)[:, None]
         gap = points[left][:, None] - part
         depth = along[:, 0] * gap[..., 1] - along[:, 1] * gap[..., 0]
-        left[left] = depth.min(axis=1) < -1e-4
-    return not left.any()
+        left[left] = depth.min(axis=1) < -_NEAR_M
+    uncovered: NDArray[np.bool_] = left.reshape(3, -1).any(axis=0)
+    return ~uncovered
 
 
 def _drawn(
-    cut: FloatArray,
-    is_closed: NDArray[np.bool_],
-    faces: list[FloatArray],
-    upright: list[FloatArray],
+    loops: list[FloatArray], faces: list[FloatArray], lines: FloatArray
 ) -> list[FloatArray] | None:
     """Draw the outline as a picture and cut that into convex polygons; None if too intricate."""
-    lines = [*cut, *upright]
-    points = np.concatenate([np.zeros((0, 2)), *faces, *lines])
-    if not len(points):
-        return []
-    low, size = points.min(axis=0), float(np.ptp(points, axis=0).max())
-    step = max(_PIXEL_M, size / _MOST_PIXELS)
+    points = np.concatenate([np.zeros((0, 2)), *loops, *faces, *lines])
+    low, size = points.min(axis=0), np.ptp(points, axis=0)
+    step = max(_PIXEL_M, float(size.max()) / _MOST_PIXELS)
     rim = _LINE_PIXELS + 1
-    picture = np.zeros(
-        (np.ceil(np.ptp(points, axis=0) / step).astype(int) + 2 * rim + 1)[::-1], np.uint8
-    )
+    columns, rows = (np.ceil(size / step).astype(int) + 2 * rim + 1).tolist()
+    picture = np.zeros((rows, columns), np.uint8)
 
     def pixels(polygon: FloatArray) -> NDArray[np.int32]:
         return np.round((polygon - low) / step + rim).astype(np.int32)
 
-    closed = cut[is_closed]
-    if 0 < len(closed) <= MOST_EDGES:
-        for part in convex_parts(closed):
-            cv2.fillConvexPoly(picture, pixels(part), 1)
+    if loops:
+        cv2.fillPoly(picture, [pixels(loop) for loop in loops], 1)  # outlines in outlines are holes
     for face in faces:
         cv2.fillConvexPoly(picture, pixels(face), 1)
-    for line in lines:
-        cv2.line(picture, pixels(line)[0].tolist(), pixels(line)[1].tolist(), 1, _LINE_PIXELS)
+    for line in map(pixels, lines):
+        cv2.line(picture, line[0].tolist(), line[1].tolist(), 1, _LINE_PIXELS)
     contours, _ = cv2.findContours(picture, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     coarse = 1.0
     while coarse <= _COARSEST:
-        loops = [cv2.approxPolyDP(one, coarse, True).reshape(-1, 2) for one in contours]
-        edges = [closed_edges((loop - rim) * step + low) for loop in loops if len(loop) > 2]
-        if sum(map(len, edges)) <= MOST_EDGES:
-            return convex_parts(np.concatenate([np.zeros((0, 2, 2)), *edges]), even_odd=True)
+        smooth = [cv2.approxPolyDP(one, coarse, True).reshape(-1, 2) for one in contours]
+        edges = [closed_edges((loop - rim) * step + low) for loop in smooth if len(loop) > 2]
+        parts = convex_parts(np.concatenate([np.zeros((0, 2, 2)), *edges]), even_odd=True)
+        if parts is not None:
+            return parts
         coarse *= math.sqrt(2.0)
     return None

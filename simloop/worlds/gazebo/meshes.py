@@ -65,7 +65,8 @@ def _by_mujoco(what: str, kind: str, data: bytes) -> FloatArray:
     spec = mujoco.MjSpec()
     # As a shell, a mesh may be open.
     mesh = spec.add_mesh(name="mesh", file=name, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
-    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh.name)
+    geom = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh.name)
+    geom.contype = geom.conaffinity = 0  # without contacts, a mesh may be flat
     spec.assets = {name: data}
     try:
         model = spec.compile()

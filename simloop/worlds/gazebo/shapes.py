@@ -15,9 +15,9 @@ import mujoco
 import numpy as np
 
 from simloop.common.errors import InputError
-from simloop.common.limits import SHAPES, check_limit
+from simloop.common.limits import check_limit
 from simloop.messages import FloatArray
-from simloop.worlds.gazebo.convex_parts import MOST_EDGES, closed_edges, convex_parts
+from simloop.worlds.gazebo.convex_parts import closed_edges, convex_parts
 from simloop.worlds.gazebo.meshes import convex_bodies, read_triangles
 from simloop.worlds.gazebo.model_files import ModelFiles
 from simloop.worlds.gazebo.models import Collision
@@ -202,11 +202,11 @@ def _polyline(collision: Collision) -> list[Solid]:
         loops.append(closed_edges(np.array(points)))
         height = height or child_numbers(where, outline, "height", 1)[0] * collision.scale[2]
     edges = np.concatenate(loops)
-    check_limit(len(edges), MOST_EDGES, f"{where}: points of a polyline")
     if not _LEAST_M <= height <= _MOST_M:
         raise InputError(f"{where}: a polyline of an impossible height")
     parts = convex_parts(edges, even_odd=True)
-    check_limit(len(parts), SHAPES, f"{where}: parts of a polyline")
+    if parts is None:
+        raise InputError(f"{where}: a polyline that is too intricate")
     return [
         _hull(
             collision,
