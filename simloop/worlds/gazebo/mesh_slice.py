@@ -204,8 +204,7 @@ def _covered(parts: list[FloatArray], segments: FloatArray) -> NDArray[np.bool_]
         gap = points[left][:, None] - part
         depth = along[:, 0] * gap[..., 1] - along[:, 1] * gap[..., 0]
         left[left] = depth.min(axis=1) < -_NEAR_M
-    uncovered: NDArray[np.bool_] = left.reshape(3, -1).any(axis=0)
-    return ~uncovered
+    return ~np.asarray(left.reshape(3, -1).any(axis=0))
 
 
 def _drawn(
@@ -217,13 +216,21 @@ def _drawn(
     step = max(_PIXEL_M, float(size.max()) / _MOST_PIXELS)
     rim = _LINE_PIXELS + 1
     columns, rows = (np.ceil(size / step).astype(int) + 2 * rim + 1).tolist()
-    picture = np.zeros((rows, columns), np.uint8)
+    wound = np.zeros((rows, columns), np.int16)  # outlines about a pixel
 
     def pixels(polygon: FloatArray) -> NDArray[np.int32]:
         return np.round((polygon - low) / step + rim).astype(np.int32)
 
-    if loops:
-        cv2.fillPoly(picture, [pixels(loop) for loop in loops], 1)  # outlines in outlines are holes
+    for loop in loops:
+        corners = pixels(loop)
+        x, y, wide, high = cv2.boundingRect(corners)
+        inside = np.zeros((high, wide), np.uint8)
+        cv2.fillPoly(inside, [corners - [x, y]], 1)
+        wound[y : y + high, x : x + wide] += inside.astype(np.int16) * (
+            1 if _anticlockwise(loop) is loop else -1
+        )
+    picture = (wound > 0).astype(np.uint8)
+    cv2.polylines(picture, [pixels(loop) for loop in loops], True, 1)
     for face in faces:
         cv2.fillConvexPoly(picture, pixels(face), 1)
     for line in map(pixels, lines):

@@ -7,6 +7,7 @@ package trimesh.
 from __future__ import annotations
 
 import io
+import logging
 from pathlib import Path
 from typing import Any
 
@@ -90,6 +91,9 @@ def _by_trimesh(what: str, kind: str, data: bytes, submesh: str) -> FloatArray:
         raise InputError(
             f"{what}: needs the package {error.name}: pip install 'simloop[worlds]'"
         ) from None
+    log = logging.getLogger("trimesh")
+    if not log.handlers:
+        log.addHandler(logging.NullHandler())  # or it prints tracebacks of what it tries first
     if kind == ".dae":
         parse_tree(data, what)  # raises for entities, which could expand it
     try:
