@@ -90,7 +90,9 @@ def _arena(scenario: Scenario) -> Layout:
     if path.suffix == ".yaml":
         return read_map_world(path)
     if path.suffix in GAZEBO_FILES:
-        return read_sdf(path, scenario.bounds_m, scenario.model_path, scenario.start[:2])
+        return read_sdf(
+            path, scenario.bounds_m, scenario.model_path, (scenario.start, scenario.goal)
+        )
     return Layout(scenario.bounds_m, arena=scenario.arena)
 
 

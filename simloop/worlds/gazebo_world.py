@@ -25,6 +25,7 @@ from simloop.worlds.layout import Bounds, Layout
 from simloop.worlds.obstacles import Obstacle
 
 _ROOM_M = 2.0  # free floor around all obstacles
+_END_M = 1.0  # free floor around start and goal
 _APRON_M = 10.0  # floor beyond all obstacles, at most, under a slab or a roof that is larger
 
 
@@ -32,16 +33,16 @@ def read_sdf(
     file: Path,
     bounds: Bounds | None = None,
     model_path: Sequence[str | Path] = (),
-    start_m: Sequence[float] | None = None,
+    ends_m: Sequence[Sequence[float]] = (),
 ) -> Layout:
     """Read a world from an SDF file.
 
     Args:
         file: the SDF file, with a world or one model.
-        bounds: x_min, y_min, x_max, y_max of the floor, m; None: 2 m around all obstacles, and all
-            that lies or hangs near them.
+        bounds: x_min, y_min, x_max, y_max of the floor, m; None: 2 m around all obstacles, 1 m
+            around the ends in there, and all that lies or hangs near the obstacles.
         model_path: folders of the models that the file includes and of meshes.
-        start_m: (2,) x, y of the robot's start in map, m, which tells what it stands on.
+        ends_m: x, y of the robot's start, which tells what it stands on, and of its goal in map, m.
 
     Returns:
         The bounds, the obstacles, and what was left out or assumed.
@@ -60,7 +61,7 @@ def read_sdf(
             else:
                 things.append(placed(collision, body))
                 check_limit(len(things), SHAPES, f"{file}: shapes")
-    ground = ground_height(things, planes, start_m, notes)
+    ground = ground_height(things, planes, ends_m[0] if ends_m else None, notes)
     obstacles: list[Obstacle] = []
     for one in standing(things, ground, notes):
         made = obstacles_of(one, ground)
@@ -69,13 +70,18 @@ def read_sdf(
         obstacles += made
         check_limit(len(obstacles), SHAPES, f"{file}: shapes")
     if bounds is None:
-        bounds = _bounds(file, obstacles, things)
+        bounds = _bounds(file, obstacles, things, ends_m)
     for low, high in ((bounds[0], bounds[2]), (bounds[1], bounds[3])):
         check_limit(high - low, ARENA_SIDE_M, f"{file}: side of the world (see bounds_m)", "m")
     return Layout(bounds, tuple(obstacles), notes=notes.lines(file.name))
 
 
-def _bounds(file: Path, obstacles: Sequence[Obstacle], things: Sequence[Placed]) -> Bounds:
+def _bounds(
+    file: Path,
+    obstacles: Sequence[Obstacle],
+    things: Sequence[Placed],
+    ends_m: Sequence[Sequence[float]],
+) -> Bounds:
     """Choose the bounds: a rim around all obstacles, and the floor or roof near them."""
     outlines = [s for one in obstacles for s in one.sections()]
     if not outlines:
@@ -86,4 +92,7 @@ def _bounds(file: Path, obstacles: Sequence[Obstacle], things: Sequence[Placed])
     high_all = np.max([one.high[:2] for one in things], axis=0)
     low = np.minimum(low - _ROOM_M, np.maximum(low_all, low - _APRON_M))
     high = np.maximum(high + _ROOM_M, np.minimum(high_all, high + _APRON_M))
+    for end in np.array([end[:2] for end in ends_m]).reshape(-1, 2):
+        if np.all((end >= low) & (end <= high)):  # others are reported as outside
+            low, high = np.minimum(low, end - _END_M), np.maximum(high, end + _END_M)
     return (float(low[0]), float(low[1]), float(high[0]), float(high[1]))

@@ -82,7 +82,8 @@ def ground_height(
     middle = 0.5 * (low + high)
     size = high - low
     wide = (size[:, :2].min(axis=1) >= _FLOOR_SIDE_M) & (size[:, 2] <= _THICKEST_M)
-    base = ground if planes else float(low[~wide, 2].min(initial=np.inf))
+    rests = low[~wide, 2]
+    base = ground if planes or not len(rests) else float(np.median(rests))
     for k in np.flatnonzero(wide).tolist():
         top = float(high[k, 2])
         if not base - 10.0 * _HIGHEST_FLOOR_M < top <= base + _HIGHEST_FLOOR_M:
