@@ -46,55 +46,60 @@ def outline_between(triangles: FloatArray, low_m: float, high_m: float) -> list[
     """
     heights = triangles[:, :, 2]
     near = (heights.max(axis=1) > low_m) & (heights.min(axis=1) < high_m)
-    clipped = [_clip(one, low_m, high_m) for one in triangles[near]]
-    surfaces = [one for one in clipped if len(one) >= 2]
-    faces = [one for one in map(_anticlockwise, surfaces) if one is not None]
-    upright = [_span(one) for one in surfaces if _anticlockwise(one) is None]
+    faces, upright = _surfaces(triangles[near], low_m, high_m)
     cut = _cut(triangles[near], low_m + _CUT_AT * (high_m - low_m))
     loops, open_cut = _loops(cut)
-    edges = np.concatenate([np.zeros((0, 2, 2)), *map(closed_edges, [*loops, *faces])])
-    lines = np.concatenate([open_cut, np.array(upright).reshape(-1, 2, 2)])
+    sides = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2, 2)
+    edges = np.concatenate([sides, *map(closed_edges, loops)])
+    lines = np.concatenate([open_cut, upright])
     parts = convex_parts(edges)
     if parts is not None:
         sheets = [_thick(line) for line in lines[~_covered(parts, lines)]]
         if not sheets:
-            return [loops[0]] if len(loops) == 1 and not faces and _is_convex(loops[0]) else parts
+            return (
+                [loops[0]] if len(loops) == 1 and not len(faces) and _is_convex(loops[0]) else parts
+            )
         parts = convex_parts(np.concatenate([edges, *map(closed_edges, sheets)]))
         if parts is not None:
             return parts
     return _drawn(loops, faces, lines)
 
 
-def _clip(corners: FloatArray, low: float, high: float) -> FloatArray:
-    """Cut a triangle (3, 3) to a band of heights; from above, (V, 2)."""
-    for level, side in ((low, 1.0), (high, -1.0)):
-        depth = side * (corners[:, 2] - level)
-        kept = []
-        for k in range(len(corners)):
-            a, b = depth[k - 1], depth[k]
-            if (a < 0.0) != (b < 0.0):
-                kept.append(corners[k - 1] + a / (a - b) * (corners[k] - corners[k - 1]))
-            if b >= 0.0:
-                kept.append(corners[k])
-        corners = np.array(kept).reshape(-1, 3)
-    return corners[:, :2]
+def _surfaces(triangles: FloatArray, low: float, high: float) -> tuple[FloatArray, FloatArray]:
+    """Cut triangles (N, 3, 3) to a band of heights, and look at them from above.
+
+    Returns polygons (F, 9, 2), counter-clockwise with doubled corners, and those without area as
+    lines (L, 2, 2).
+    """
+    after = np.roll(triangles, -1, axis=1)
+    z, z_after = triangles[..., 2], after[..., 2]
+    points, valid = [triangles], [(z >= low) & (z <= high)]
+    for level in (low, high):
+        crosses = (z < level) != (z_after < level)
+        rise = np.where(crosses, z_after - z, 1.0)
+        points.append(triangles + ((level - z) / rise)[..., None] * (after - triangles))
+        valid.append(crosses)
+    corners, known = np.concatenate(points, axis=1)[..., :2], np.concatenate(valid, axis=1)
+    corners, known = corners[known.any(axis=1)], known[known.any(axis=1)]
+    rows = np.arange(len(corners))
+    # What is no corner becomes a double of one that is.
+    corners = np.where(known[..., None], corners, corners[rows, known.argmax(axis=1)][:, None])
+    gap = corners - corners.mean(axis=1, keepdims=True)
+    order = np.argsort(np.arctan2(gap[..., 1], gap[..., 0]), axis=1)
+    corners = corners[rows[:, None], order]
+    flat = _area(corners) < _FLAT_M2
+    lines = corners[flat]
+    along = np.where(np.ptp(lines[..., 0], axis=1) >= np.ptp(lines[..., 1], axis=1), 0, 1)
+    rows = np.arange(len(lines))
+    reach = lines[rows, :, along]
+    ends = [lines[rows, reach.argmin(axis=1)], lines[rows, reach.argmax(axis=1)]]
+    return corners[~flat], np.stack(ends, axis=1)
 
 
-def _anticlockwise(polygon: FloatArray) -> FloatArray | None:
-    """Put a polygon (V, 2) into counter-clockwise order; None if it has no area."""
-    x, y = polygon.T
-    area = 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
-    if abs(area) < _FLAT_M2:
-        return None
-    return polygon if area > 0.0 else polygon[::-1]
-
-
-def _span(polygon: FloatArray) -> FloatArray:
-    """Find the ends (2, 2) of a polygon without area."""
-    ends = [polygon[np.argmin(polygon @ axis)] for axis in (np.eye(2)[0], -np.eye(2)[0])]
-    if np.ptp(polygon[:, 1]) > np.ptp(polygon[:, 0]):
-        ends = [polygon[np.argmin(polygon[:, 1])], polygon[np.argmax(polygon[:, 1])]]
-    return np.array(ends)
+def _area(polygons: FloatArray) -> FloatArray:
+    """Compute the area (N,) of polygons (N, V, 2), positive if they run counter-clockwise."""
+    x, y = polygons[..., 0], polygons[..., 1]
+    return 0.5 * np.sum(x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y, axis=1)
 
 
 def _cut(triangles: FloatArray, level: float) -> FloatArray:
@@ -208,10 +213,10 @@ def _covered(parts: list[FloatArray], segments: FloatArray) -> NDArray[np.bool_]
 
 
 def _drawn(
-    loops: list[FloatArray], faces: list[FloatArray], lines: FloatArray
+    loops: list[FloatArray], faces: FloatArray, lines: FloatArray
 ) -> list[FloatArray] | None:
     """Draw the outline as a picture and cut that into convex polygons; None if too intricate."""
-    points = np.concatenate([np.zeros((0, 2)), *loops, *faces, *lines])
+    points = np.concatenate([faces.reshape(-1, 2), lines.reshape(-1, 2), *loops])
     low, size = points.min(axis=0), np.ptp(points, axis=0)
     step = max(_PIXEL_M, float(size.max()) / _MOST_PIXELS)
     rim = _LINE_PIXELS + 1
@@ -226,9 +231,8 @@ def _drawn(
         x, y, wide, high = cv2.boundingRect(corners)
         inside = np.zeros((high, wide), np.uint8)
         cv2.fillPoly(inside, [corners - [x, y]], 1)
-        wound[y : y + high, x : x + wide] += inside.astype(np.int16) * (
-            1 if _anticlockwise(loop) is loop else -1
-        )
+        turn = 1 if _area(loop[None])[0] > 0.0 else -1
+        wound[y : y + high, x : x + wide] += turn * inside.astype(np.int16)
     picture = (wound > 0).astype(np.uint8)
     cv2.polylines(picture, [pixels(loop) for loop in loops], True, 1)
     for face in faces:
