@@ -35,8 +35,9 @@ def test_entities_are_refused_in_any_encoding(tmp_path, encoding):
     [
         ("<sdf>" + 5000 * "<model>" + 5000 * "</model>" + "</sdf>", "depth of nested elements: 65"),
         (world(20 * "<model name='m'>" + 20 * "</model>"), "depth of models in models: 17"),
-        (world(51 * "<model/>"), "models: 51; at most 50"),
-        (world(model("m", 50 * box(1, 1, 1))), "models and shapes: 51; at most 50"),
+        (world(51 * "<model/>"), "models, links, frames and joints: 51; at most 50"),
+        (world(model("m", 50 * box(1, 1, 1))), "models, links and shapes: 51; at most 50"),
+        (world(51 * "<frame name='f'/>"), "frames: 51; at most 50"),
         ("<sdf>" + 999 * "<a/>" + "</sdf>", "elements: 901; at most 900"),
         ("<gazebo version='1.0'><world/></gazebo>", "version 1.2 or older"),
         ("<sdf/>", "not a Gazebo world"),

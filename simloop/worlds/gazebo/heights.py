@@ -82,6 +82,7 @@ def ground_height(
     middle = 0.5 * (low + high)
     size = high - low
     wide = (size[:, :2].min(axis=1) >= _FLOOR_SIDE_M) & (size[:, 2] <= _THICKEST_M)
+    wide &= np.array([_is_level(one.body) for one in things], bool)
     rests = low[~wide, 2]
     base = ground if planes or not len(rests) else float(np.median(rests))
     for k in np.flatnonzero(wide).tolist():
@@ -101,6 +102,13 @@ def ground_height(
     if abs(ground) > 1e-3:
         notes.add(f"the ground is at height {ground:.3g} m", name)
     return ground
+
+
+def _is_level(body: Solid | Shell) -> bool:
+    """Tell whether a wide body can be a floor: its upper side is not tilted."""
+    if isinstance(body, Shell):
+        return bool(np.ptp(body.triangles[..., 2]) <= _HIGHEST_FLOOR_M)
+    return bool(np.abs(body.rotation[2]).max() > 1.0 - 1e-6)
 
 
 def standing(things: Sequence[Placed], ground_m: float, notes: Notes) -> list[Placed]:

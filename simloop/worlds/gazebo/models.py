@@ -134,8 +134,10 @@ class WorldReader:
         models = self._inner(where, world, self._file.parent, scope, False, 0)
         for element in state.inserted:
             models.append(self._model(where, element, self._file.parent, False, 0))
+        check_limit(len(world.findall("frame")), SHAPES, f"{where}: frames")
         _add_frames(where, world, scope)
-        for name in sorted(state.models - {model.name for model in models}):
+        known = {model.name for model in models} | {"sun", "ground_plane"}
+        for name in sorted(state.models - known):
             self._notes.add("the saved state has models that are not there", name)
         for model in models:
             if model.name not in state.deleted:
@@ -177,11 +179,12 @@ class WorldReader:
     ) -> _Model:
         """Read a model and all models in it."""
         self._count += 1
-        check_limit(self._count, SHAPES, f"{self._file}: models")
         name = name_of(element)
         where = f"{where}: model {name}" if depth == 0 else f"{where}::{name}"
         static = static or is_true(where, "static", element.findtext("static"), False)
         scope = Scope(where, MODEL)
+        self._count += sum(len(element.findall(tag)) for tag in ("link", "frame", "joint"))
+        check_limit(self._count, SHAPES, f"{self._file}: models, links, frames and joints")
         for link in element.findall("link"):
             scope.add(name_of(link), pose_of(where, link), relative_to(link))
         inner = self._inner(where, element, folder, scope, static, depth + 1)
@@ -232,7 +235,7 @@ class WorldReader:
                 if found is not None:
                     yield found
         if not shapes and any(
-            link.find("visual") is not None for link in model.element.iter("link")
+            link.find("visual") is not None for link in model.element.findall("link")
         ):
             self._notes.add("models without a collision shape are left out", path)
         for inner in model.inner:
@@ -248,7 +251,7 @@ class WorldReader:
     ) -> Collision | None:
         """Read a collision; None if nothing can touch it."""
         self._count += 1
-        check_limit(self._count, SHAPES, f"{self._file}: models and shapes")
+        check_limit(self._count, SHAPES, f"{self._file}: models, links and shapes")
         geometry = collision.find("geometry")
         shapes = [] if geometry is None else [one for one in geometry if ":" not in one.tag]
         if not shapes or shapes[0].tag == "empty":

@@ -27,6 +27,7 @@ _SPLIT_M = 0.18  # between the hull and the LiDAR's plane
 _HIGHEST_M = 3.0  # largest height of an obstacle
 _TILT_RAD = 1e-3  # largest tilt of an upright shape
 _SAME_M = 1e-6
+_THIN_M = 1e-3  # least height of an obstacle
 
 _Outline = Callable[[float, float], list[Section]]
 
@@ -106,7 +107,7 @@ def _obstacle(
     vertices: tuple[tuple[float, float], ...] = (),
 ) -> Obstacle:
     """Make an obstacle between two heights; what is under the ground or very high is cut off."""
-    bottom, top = max(bottom, 0.0), min(top, _HIGHEST_M)
+    bottom, top = max(bottom, 0.0), max(min(top, _HIGHEST_M), bottom + _THIN_M)
     where = (float(position[0]), float(position[1]))
     size = tuple(float(value) for value in size)
     return Obstacle(shape, where, size, float(yaw), top - bottom, vertices, bottom)
@@ -115,8 +116,9 @@ def _obstacle(
 def _layers(outline: _Outline, bottom: float, top: float) -> list[Obstacle]:
     """Make the obstacles of a body that is no upright box or cylinder."""
     least, most = BAND_M
-    lower = outline(least, _SPLIT_M) if bottom < _SPLIT_M else []
-    upper = outline(_SPLIT_M, most) if top > _SPLIT_M else []
+    if bottom > _SPLIT_M - _THIN_M or top < _SPLIT_M + _THIN_M:  # one layer has it all, or nearly
+        return _stack(outline(least, most), bottom, min(top, most))
+    lower, upper = outline(least, _SPLIT_M), outline(_SPLIT_M, most)
     if _are_same(lower, upper):
         return _stack(lower, bottom, top)
     return _stack(lower, bottom, min(top, _SPLIT_M)) + _stack(

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from xml.etree import ElementTree as Xml
 
+from simloop.common.limits import SHAPES, check_limit
 from simloop.messages import FloatArray
 from simloop.worlds.gazebo.values import child_numbers, name_of, pose_of
 
@@ -62,6 +63,7 @@ def read_state(where: str, world: Xml.Element) -> WorldState:
 
 
 def _read_model(where: str, model: Xml.Element, path: str, found: WorldState) -> None:
+    check_limit(len(found.poses), SHAPES, f"{where}: poses up to here")
     if model.find("pose") is not None:
         found.poses[path] = pose_of(where, model)
     if model.find("scale") is not None:

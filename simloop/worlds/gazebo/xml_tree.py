@@ -10,6 +10,7 @@ from simloop.common.errors import InputError
 from simloop.common.input_files import read_bytes
 from simloop.common.limits import ELEMENTS, NESTING, check_limit
 
+_MOST_BYTES = 32 * 2**20  # a tree takes up to thirty times the memory of its file
 # Nothing in these elements is part of a world's collision shapes. Their content is not kept,
 # because it is most of a large file.
 _CONTENT_UNUSED = frozenset(
@@ -31,7 +32,7 @@ def read_tree(file: Path) -> Xml.Element:
             which could expand it. The text has one line.
     """
     # Gazebo accepts blank lines before the XML declaration.
-    return parse_tree(read_bytes(file).lstrip(b" \t\r\n"), str(file))
+    return parse_tree(read_bytes(file, _MOST_BYTES).lstrip(b" \t\r\n"), str(file))
 
 
 def parse_tree(data: bytes, where: str) -> Xml.Element:
