@@ -27,6 +27,7 @@ _SPLIT_M = 0.18  # between the hull and the LiDAR's plane
 _HIGHEST_M = 3.0  # largest height of an obstacle
 _TILT_RAD = 1e-3  # largest tilt of an upright shape
 _SAME_M = 1e-6
+_FLAT_M = 1e-4  # a corner that is nearer to the line of its neighbours is none
 _THIN_M = 1e-3  # least height of an obstacle
 
 _Outline = Callable[[float, float], list[Section]]
@@ -174,7 +175,7 @@ def _without_flat_corners(corners: FloatArray) -> FloatArray:
             np.linalg.norm(np.roll(corners, -1, 0) - np.roll(corners, 1, 0), axis=1), 1e-12
         )
         flattest = int(np.argmin(height))
-        if height[flattest] > _SAME_M:
+        if height[flattest] > _FLAT_M:
             return corners
         corners = np.delete(corners, flattest, axis=0)
     return corners
