@@ -117,10 +117,10 @@ def _add_model_folders(table: dict[str, Any], first: Sequence[str | Path]) -> No
     is_gazebo = isinstance(arena, str) and arena.endswith(GAZEBO_FILES)
     if first and not is_gazebo:
         raise InputError("--model-path: only for a Gazebo world as the arena (.world, .sdf)")
-    if is_gazebo and isinstance(given, list):
+    if is_gazebo and isinstance(given, list) and all(isinstance(one, str) for one in given):
         named = [str(Path(name).absolute()) for name in first]
         around = [str(folder) for folder in folders_of(os.environ)]
-        table["model_path"] = list(dict.fromkeys((*named, *map(str, given), *around)))
+        table["model_path"] = list(dict.fromkeys((*named, *given, *around)))
 
 
 def _full_path(folder: Path, name: str) -> str:

@@ -66,7 +66,7 @@ def read_sdf(
     for one in standing(things, ground, notes):
         made = obstacles_of(one, ground)
         if not made:
-            notes.add("what is thinner than 0.01 mm is left out", one.collision.model)
+            notes.add("what has no part at the robot's heights is left out", one.collision.model)
         obstacles += made
         check_limit(len(obstacles), SHAPES, f"{file}: shapes")
     if bounds is None:

@@ -41,7 +41,7 @@ def obstacles_of(one: Placed, ground_m: float) -> list[Obstacle]:
         ground_m: height of the ground in map, m.
 
     Returns:
-        The obstacles; none if the body is thinner than a micrometre.
+        The obstacles; none if no part of it is at the heights of the robot.
 
     Raises:
         InputError: its place is impossible, or its outline too intricate. The text has one line.
