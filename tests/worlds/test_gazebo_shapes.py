@@ -166,7 +166,8 @@ def test_a_mesh_stands_as_its_own_outline(tmp_path):
     body = b"".join(struct.pack("<12fH", 0, 0, 1, *one.ravel(), 0) for one in corners)
     (tmp_path / "corner.stl").write_bytes(b"\0" * 80 + struct.pack("<I", len(corners)) + body)
     expected = Outline(CORNER).contains_points(GRID)
-    for name in ("corner.obj", "corner.stl", "file://corner.obj"):
+    own = f"model://{tmp_path.name}/corner.obj"  # the file is in the folder of this model
+    for name in ("corner.obj", "corner.stl", "file://corner.obj", own):
         layout = read(tmp_path, mesh(name))
         assert (filled(layout) != expected).mean() < 1e-4 and len(layout.obstacles) <= 3
     mirrored = read(tmp_path, mesh("corner.obj", "<scale>-.5 .5 .1</scale>"))

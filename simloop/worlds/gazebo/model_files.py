@@ -123,6 +123,9 @@ class ModelFiles:
             path, places = path.rstrip("/").rpartition("/")[2], self._folders
         elif parts.scheme in _NAMED:
             path, places = path.lstrip("/"), [*self._folders, self._allowed[0]]
+            # A file in the folder of a model may name that model.
+            own = [one for one in (folder, self._allowed[0]) if one.name == path.partition("/")[0]]
+            places += [one.parent for one in own]
         elif parts.scheme in ("", "file"):
             places = [folder, self._allowed[0], *self._folders]
         else:
