@@ -1,7 +1,7 @@
 """Read the meshes of a Gazebo world as triangles.
 
-OBJ and STL files are read by MuJoCo. All other formats, and parts of a mesh by name, need the
-package trimesh.
+OBJ and binary STL files are read by MuJoCo. COLLADA, STL as text, and parts of a mesh by name need
+the package trimesh.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ MOST_TRIANGLES = 300_000
 """Triangles of a mesh, at most."""
 
 _BY_MUJOCO = (".obj", ".stl")
-_BY_TRIMESH = (".obj", ".stl", ".dae", ".ply", ".glb")
+_BY_TRIMESH = (".obj", ".stl", ".dae")
 _SAME_M = 1e-6  # vertices that are nearer are one
 _ROUND = 1e-6  # relative error of a volume
 
@@ -104,7 +104,7 @@ def _by_trimesh(what: str, kind: str, data: bytes, submesh: str) -> FloatArray:
         unit = _unit_m(str(scene.units or "")) if kind == ".dae" else 1.0
         return unit * _of_scene(scene, submesh)
     except MemoryError:
-        raise
+        raise InputError(f"{what}: takes too much memory") from None
     except Exception as error:  # the readers raise errors of all kinds for a damaged file
         raise InputError(f"{what}: cannot be read: {error or type(error).__name__}") from None
 
