@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import struct
 
+import mujoco
 import numpy as np
 import pytest
 from helpers.gazebo import collision, model, plan_of, pose, read, world
@@ -14,8 +15,10 @@ from matplotlib.path import Path as Outline
 from scipy.spatial.transform import Rotation
 
 from simloop.common.errors import InputError
+from simloop.worlds.cross_section import section_of
 from simloop.worlds.floor_plan import BAND_M
 from simloop.worlds.gazebo.convex_parts import closed_edges, convex_parts
+from simloop.worlds.solids import Solid
 
 SIDE_M = 0.01
 GRID = np.stack(np.meshgrid(*2 * [np.arange(-1.995, 2, SIDE_M)]), -1).reshape(-1, 2)
@@ -286,3 +289,14 @@ def test_a_collada_mesh_is_read_in_its_unit(tmp_path):
 def test_what_cannot_be_told_is_refused_by_the_models_name(tmp_path, shape, told):
     with pytest.raises(InputError, match=told):
         read(tmp_path, world(model("m", collision(shape))))
+
+
+def test_a_flat_solid_has_an_outline():
+    """A board without thickness that leans at 45 degrees: only the part in the band counts."""
+    turned = Rotation.from_euler("y", 45, degrees=True).as_matrix()
+    size, middle = np.array([0.5, 0.3, 0.0]), np.array([0.0, 0.0, 0.1])
+    board = Solid("m", mujoco.mjtGeom.mjGEOM_BOX, size, middle, turned, np.zeros((0, 3)))
+    section = section_of(board)
+    assert section is not None
+    assert section.vertices_m.min(axis=0) == pytest.approx([-0.15, -0.3])
+    assert section.vertices_m.max(axis=0) == pytest.approx([0.08, 0.3])

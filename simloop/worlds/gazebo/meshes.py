@@ -50,6 +50,13 @@ def read_triangles(where: str, file: Path, submesh: str = "") -> FloatArray:
     if kind not in _BY_TRIMESH:
         raise InputError(f"{what}: format '{kind}'; choices: {', '.join(_BY_TRIMESH)}")
     data = read_bytes(file)
+    # Known before the mesh is read: lines of an OBJ file, and the length of a binary STL file.
+    lines = max(data.count(b"\nf"), data.count(b"\nv ")) if kind == ".obj" else 0
+    check_limit(
+        max(lines, len(data) // 50 if kind == ".stl" else 0),
+        MOST_TRIANGLES,
+        f"{what}: triangles or vertices",
+    )
     plain = kind in _BY_MUJOCO and not submesh
     triangles = _by_mujoco(what, kind, data) if plain else _by_trimesh(what, kind, data, submesh)
     check_limit(len(triangles), MOST_TRIANGLES, f"{what}: triangles")
