@@ -14,7 +14,7 @@ from simloop.worlds.gazebo.notes import Notes
 from simloop.worlds.gazebo.shapes import Ground, Shell
 from simloop.worlds.solids import Solid
 
-_HIGHEST_FLOOR_M = 0.3  # a floor slab is at most this much higher than what it lies on
+_HIGHEST_FLOOR_M = 0.3  # a floor slab is at most this far from the feet of what stands on it
 _FLOOR_SIDE_M = 2.0  # a floor is at least this long and wide
 _THICKEST_M = 1.0
 _CARRIES = 0.8  # share of all other things that a floor has above it
@@ -61,7 +61,8 @@ def ground_height(
 ) -> float:
     """Find the height of the ground that the robot stands on.
 
-    It is the highest plane, or the top of a wide slab that lies at most 0.3 m over it and that
+    It is the highest plane, or the top of a wide slab that lies at most 0.3 m over it, or over
+    or under most other things if there is no plane, and that
     carries the robot's start and most other things.
 
     Args:
@@ -87,11 +88,9 @@ def ground_height(
     base = ground if planes or not len(rests) else float(np.median(rests))
     for k in np.flatnonzero(wide).tolist():
         top = float(high[k, 2])
-        if not base - 10.0 * _HIGHEST_FLOOR_M < top <= base + _HIGHEST_FLOOR_M:
+        if abs(top - base) > _HIGHEST_FLOOR_M or (planes and top <= ground):
             continue
-        if planes and top <= ground:
-            continue
-        others = ~wide
+        others = np.arange(len(things)) != k if wide.all() else ~wide
         over = np.all((middle[:, :2] >= low[k, :2]) & (middle[:, :2] <= high[k, :2]), axis=1)
         carried = over[others] & (high[others, 2] > top + BAND_M[0])
         here = start_m is None or bool(
