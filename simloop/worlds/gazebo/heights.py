@@ -61,9 +61,9 @@ def ground_height(
 ) -> float:
     """Find the height of the ground that the robot stands on.
 
-    It is the highest plane, or the top of a wide slab that lies at most 0.3 m over it, or over
-    or under most other things if there is no plane, and that
-    carries the robot's start and most other things.
+    It is the highest plane, or the top of a wide slab that carries the robot's start and most other
+    things. The slab lies at most 0.3 m over the plane; if there is none, at most 0.3 m over or
+    under the feet of most other things.
 
     Args:
         things: all bodies.
