@@ -28,7 +28,7 @@ $(READY): pyproject.toml constraints.txt
 	  { echo "the Python module venv is missing; on Debian and Ubuntu: apt-get install python3-venv" >&2; exit 1; }
 	@echo "installing simloop into $(VENV) (only once; takes about two minutes)"
 	@$(PY) -m pip install --quiet --disable-pip-version-check \
-	  --constraint constraints.txt --editable '.[bench,dask,dev,references,report,slam]'
+	  --constraint constraints.txt --editable '.[bench,dask,dev,references,report,slam,worlds]'
 	@-$(PYTHON) scripts/rendering_libraries.py
 	@touch $@
 

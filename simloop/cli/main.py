@@ -29,11 +29,12 @@ from simloop.cli.common import (
     write_json,
 )
 from simloop.cli.replay import replay
-from simloop.common.errors import InputError
+from simloop.common.errors import InputError, printable
 
 if TYPE_CHECKING:
     from simloop.loop import RunResult, Simulation
     from simloop.recording.outputs import Outputs
+    from simloop.recording.watch import Watch
     from simloop.scenario.build import World
     from simloop.scenario.scenario import Scenario
 
@@ -53,6 +54,14 @@ Snapshots = Annotated[
 Everything = Annotated[
     Path | None,
     typer.Option(metavar="DIR", help="Record, draw and write all figures into one directory."),
+]
+ModelPath = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--model-path",
+        metavar="DIR",
+        help="Folder of the models that a Gazebo world includes; repeatable.",
+    ),
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
 
@@ -156,6 +165,7 @@ def run_scenario(
     json_file: JsonFile = None,
     out: Everything = None,
     overrides: Overrides = None,
+    model_path: ModelPath = None,
     quiet: Quiet = False,
 ) -> int:
     """Run a scenario.
@@ -172,6 +182,7 @@ def run_scenario(
         json_file: File for the figures as JSON; the config is written to the same directory.
         out: The directory for all outputs.
         overrides: ``key=value`` for keys of the scenario.
+        model_path: Folders of the models that a Gazebo world includes.
         quiet: Whether only errors are printed.
 
     Returns:
@@ -181,12 +192,14 @@ def run_scenario(
     from simloop.evaluation.referee import Outcome
     from simloop.scenario.load import load, resolve
 
-    wanted = load(scenario, overrides or (), seed=seed, planner=planner)
+    wanted = load(
+        scenario, overrides or (), seed=seed, planner=planner, model_path=model_path or ()
+    )
     outputs = choose(out, record, snapshots, json_file)
     outputs.check(resolve(scenario))
-    world = _build(wanted)
-    # Nothing is written before this line, and all input is checked before it.
     console, notes = Console(quiet=quiet), Console(stderr=True, quiet=quiet)
+    world = _build(wanted, notes)
+    # Nothing is written before this line, and all input is checked before it.
     with compiling_shown(notes) as report:
         from simloop.evaluation.provenance import versions
         from simloop.loop import Simulation, warm_up
@@ -198,11 +211,7 @@ def run_scenario(
         outputs.write_config(wanted, versions())
         simulation = Simulation(wanted, watched.listeners, world=world)
         result = _drive(simulation, notes, stop)
-        try:
-            outputs.write_result(result.metrics | watched.plan_figures())
-            watched.finish()
-        finally:
-            _print_result(console, result.metrics, outputs)
+        _finish(console, result, outputs, watched)
     if result.outcome is Outcome.INTERRUPTED:
         sys.exit(INTERRUPTED)  # without a message, because the table shows it
     return 0 if result.reached else 1
@@ -264,8 +273,9 @@ def _drive(simulation: Simulation, notes: Console, stop: Callable[[], bool]) -> 
         return simulation.run(progress)
 
 
-def _build(scenario: Scenario) -> World:
-    """Build the scenario's world. MuJoCo fails on import if it cannot load MUJOCO_GL's back end."""
+def _build(scenario: Scenario, notes: Console) -> World:
+    """Build the scenario's world, and print what was left out or assumed when it was read."""
+    # MuJoCo fails on import if it cannot load MUJOCO_GL's back end.
     try:
         from simloop.scenario.build import build_world
     except Exception as error:
@@ -275,7 +285,19 @@ def _build(scenario: Scenario) -> World:
         raise InputError(
             f"MUJOCO_GL={name}: cannot be loaded ({error}); choices: egl, osmesa, disable"
         ) from None
-    return build_world(scenario)
+    world = build_world(scenario)
+    for line in world.notes:
+        notes.print(f"note: {printable(line)}", markup=False, highlight=False, soft_wrap=True)
+    return world
+
+
+def _finish(console: Console, result: RunResult, outputs: Outputs, watched: Watch) -> None:
+    """Write the figures and pictures, and print the figures even if that fails."""
+    try:
+        outputs.write_result(result.metrics | watched.plan_figures())
+        watched.finish()
+    finally:
+        _print_result(console, result.metrics, outputs)
 
 
 def _print_result(console: Console, metrics: dict[str, Any], outputs: Outputs) -> None:

@@ -32,6 +32,9 @@ SHAPES = 20_000
 ARENA_SIDE_M = 500.0
 """Length of a side of an arena, m."""
 
+ELEMENTS = 1_000_000
+"""Elements of an XML file, without those that a reader leaves out."""
+
 NESTING = 64
 """Depth of nested tables, lists or elements of a file."""
 

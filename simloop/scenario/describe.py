@@ -14,7 +14,7 @@ import numpy as np
 
 from simloop.common.data_files import models_dir
 from simloop.common.limits import SHAPES, check_limit
-from simloop.scenario.scenario import MAP_FILES, Scenario
+from simloop.scenario.scenario import GAZEBO_FILES, MAP_FILES, Scenario
 from simloop.worlds.arena import assemble, bounds_of_spec
 from simloop.worlds.body import Body
 from simloop.worlds.cross_section import sections_of_spec
@@ -93,8 +93,10 @@ def _arena(scenario: Scenario) -> Layout:
         return draw_world(scenario.generator, rng, scenario.start, scenario.goal, body)
     if path.suffix in MAP_FILES:
         return read_map_world(path)
-    if path.suffix in (".world", ".sdf"):
-        return read_sdf(path, scenario.bounds_m)
+    if path.suffix in GAZEBO_FILES:
+        return read_sdf(
+            path, scenario.bounds_m, scenario.model_path, (scenario.start, scenario.goal)
+        )
     return Layout(scenario.bounds_m, arena=scenario.arena)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -19,7 +20,8 @@ from simloop.config import MOVED_KEYS, REMOVED_KEYS, Config
 from simloop.planners import registry
 from simloop.scenario.catalog import arena_files, planner_names, scenario_files
 from simloop.scenario.explain import one_line, short_value, shorten
-from simloop.scenario.scenario import ARENA_FILES, Scenario
+from simloop.scenario.scenario import ARENA_FILES, GAZEBO_FILES, Scenario
+from simloop.worlds.gazebo.model_files import folders_of
 
 _BARE_WORD = re.compile(r"[A-Za-z_./][A-Za-z0-9_\-./]*\Z")
 _FILE_KEYS = (("tracks", "friction_image", "file"), ("terrain", "height_field", "image"))
@@ -31,6 +33,7 @@ def load(
     *,
     seed: int | None = None,
     planner: str | None = None,
+    model_path: Sequence[str | Path] = (),
 ) -> Scenario:
     """Read a scenario, apply overrides and validate the result.
 
@@ -39,6 +42,7 @@ def load(
         overrides: ``key=value`` texts with dotted keys; values as in TOML, or a bare word.
         seed: replaces the scenario's seed.
         planner: replaces the name of the planner.
+        model_path: folders of models that a Gazebo world includes; they are searched first.
 
     Returns:
         The scenario, with full paths of all its files.
@@ -58,6 +62,7 @@ def load(
         table["seed"] = seed
     if planner is not None:
         apply_override(table, f"planner.name={json.dumps(planner)}")
+    _add_model_folders(table, model_path)
     scenario = from_table(table, source=str(name_or_path))
     _check_names(scenario, source=str(name_or_path))
     return scenario
@@ -87,6 +92,9 @@ def _make_paths_full(table: dict[str, Any], folder: Path) -> None:
     arena = table.get("arena")
     if isinstance(arena, str) and arena.endswith(ARENA_FILES):
         table["arena"] = _full_path(folder, arena)
+    folders = table.get("model_path")
+    if isinstance(folders, list) and all(isinstance(one, str) for one in folders):
+        table["model_path"] = [_full_path(folder, one) for one in folders]
     slam = table.get("slam")
     if isinstance(slam, dict) and slam.get("prior_map") and isinstance(slam["prior_map"], str):
         slam["prior_map"] = _full_path(folder, slam["prior_map"])
@@ -95,6 +103,24 @@ def _make_paths_full(table: dict[str, Any], folder: Path) -> None:
         holder = holder.get(part) if isinstance(holder, dict) else None
         if isinstance(holder, dict) and isinstance(holder.get(key), str):
             holder[key] = _full_path(folder, holder[key])
+
+
+def _add_model_folders(table: dict[str, Any], first: Sequence[str | Path]) -> None:
+    """Add folders of models, and those of Gazebo's environment variables, in place.
+
+    So a saved scenario finds the same models wherever it is run.
+    """
+    for name in first:
+        if not Path(name).is_dir():
+            raise InputError(f"--model-path {name}: no such folder")
+    given, arena = table.get("model_path", []), table.get("arena")
+    is_gazebo = isinstance(arena, str) and arena.endswith(GAZEBO_FILES)
+    if first and not is_gazebo:
+        raise InputError("--model-path: only for a Gazebo world as the arena (.world, .sdf)")
+    if is_gazebo and isinstance(given, list) and all(isinstance(one, str) for one in given):
+        named = [str(Path(name).absolute()) for name in first]
+        around = [str(folder) for folder in folders_of(os.environ)]
+        table["model_path"] = list(dict.fromkeys((*named, *given, *around)))
 
 
 def _full_path(folder: Path, name: str) -> str:

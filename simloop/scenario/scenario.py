@@ -30,9 +30,9 @@ from simloop.worlds.terrain import MOST_ROUGH_STEP_S, Loose, Terrain
 
 Count = Annotated[int, Field(ge=0, lt=2**63)]
 Bounds = tuple[Coordinate, Coordinate, Coordinate, Coordinate]
-_GAZEBO = (".world", ".sdf")
+GAZEBO_FILES = (".world", ".sdf")
 MAP_FILES = (".yaml", ".yml")
-ARENA_FILES = (".xml", *MAP_FILES, *_GAZEBO)
+ARENA_FILES = (".xml", *MAP_FILES, *GAZEBO_FILES)
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -69,6 +69,7 @@ class Scenario:
         clutter: further obstacles, drawn from the seed.
         generator: a whole world, drawn from the seed, instead of an arena.
         bounds_m: x_min, y_min, x_max, y_max of the arena ``field``, or of a Gazebo world, m.
+        model_path: folders of models that a Gazebo world includes, relative to the scenario's.
         may_be_closed_off: whether a goal that cannot be reached is accepted.
         terrain: ground that is not flat.
         loose: movable bodies.
@@ -92,6 +93,7 @@ class Scenario:
     clutter: Clutter | None = None
     generator: Generator | None = None
     bounds_m: Bounds | None = None
+    model_path: tuple[str, ...] = ()
     may_be_closed_off: bool = False
     terrain: Terrain | None = None
     loose: tuple[Loose, ...] = ()
@@ -110,8 +112,10 @@ class Scenario:
     def _has_one_floor(self) -> Scenario:
         if self.generator is not None and self.arena != "field":
             raise reject("generator: draws its own world, so leave out arena")
+        if self.model_path and not self.arena.endswith(GAZEBO_FILES):
+            raise reject("model_path: only for a Gazebo world as the arena (.world, .sdf)")
         if self.bounds_m is not None:
-            sized = self.arena == "field" or self.arena.endswith(_GAZEBO)
+            sized = self.arena == "field" or self.arena.endswith(GAZEBO_FILES)
             if not sized or self.generator is not None:
                 raise reject("bounds_m: only for the arena field, or for a Gazebo world")
             if not has_area(self.bounds_m[:2], self.bounds_m[2:]):

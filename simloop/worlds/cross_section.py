@@ -15,6 +15,7 @@ from simloop.worlds.obstacles import ellipse_outline
 from simloop.worlds.solids import Solid, solid_of_model, solids_of_spec
 
 _UPRIGHT = 1.0 - 1e-9  # an axis with a larger vertical component is upright
+_MOST_CORNERS = 2500  # of a flat solid
 _ROUND = 64
 """Points around a tilted round shape. Its outline then has an error of 0.1 % of its radius."""
 
@@ -170,10 +171,14 @@ def _hull_points(solid: Solid) -> FloatArray:
 
 def _hull_in_band(points: FloatArray, band_m: tuple[float, float]) -> FloatArray | None:
     """Cut the convex hull of points (N, 3) to the band; from above, (V, 2) counter-clockwise."""
-    hull = ConvexHull(points)
-    pairs = np.concatenate(
-        [hull.simplices[:, [0, 1]], hull.simplices[:, [1, 2]], hull.simplices[:, [2, 0]]]
-    )
+    try:
+        edges = ConvexHull(points).simplices
+        pairs = np.concatenate([edges[:, [0, 1]], edges[:, [1, 2]], edges[:, [2, 0]]])
+    except (QhullError, ValueError):
+        # The solid is flat. Lines between all of its corners span the same cut.
+        if len(points) > _MOST_CORNERS:
+            return None
+        pairs = np.stack(np.triu_indices(len(points), 1), axis=1)
     start, end = points[pairs[:, 0]], points[pairs[:, 1]]
     # The vertices within the band, and the points where edges cross its two planes, span the cut.
     kept = [points[(points[:, 2] >= band_m[0]) & (points[:, 2] <= band_m[1])]]

@@ -1,145 +1,98 @@
-"""Read Gazebo worlds (SDF) of upright cylinders and boxes.
+"""Read Gazebo worlds and models (SDF) as layouts.
 
-Only the collision shapes of models are read. The poses of model, link and collision are nested.
-Meshes, includes and other shapes raise an error that names the model.
+Only the collision shapes of models count. They stand where Gazebo puts them on loading: by the
+poses of model, link and collision, or by the saved state. The floor is flat here, so a shape counts
+if it reaches the heights of the robot over the ground. What cannot be told is refused, by the
+model's name. What is left out or assumed is told in the layout's notes.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
+from collections.abc import Sequence
 from pathlib import Path
-from xml.etree import ElementTree as Xml
 
 import numpy as np
 
 from simloop.common.errors import InputError
-from simloop.geometry.se2 import compose
-from simloop.messages import FloatArray
+from simloop.common.limits import ARENA_SIDE_M, SHAPES, check_limit
+from simloop.worlds.gazebo.heights import Placed, ground_height, placed, standing
+from simloop.worlds.gazebo.model_files import ModelFiles
+from simloop.worlds.gazebo.models import WorldReader
+from simloop.worlds.gazebo.notes import Notes
+from simloop.worlds.gazebo.obstacles import obstacles_of
+from simloop.worlds.gazebo.shapes import Ground, ShapeReader
 from simloop.worlds.layout import Bounds, Layout
-from simloop.worlds.obstacles import Obstacle, ShapeName
+from simloop.worlds.obstacles import Obstacle
 
-_MOST_BYTES = 50_000_000
 _ROOM_M = 2.0  # free floor around all obstacles
-_TILT_RAD = 1e-3  # largest roll or pitch of an upright model
-_FLAT = ("plane",)
+_END_M = 1.0  # free floor around start and goal
+_APRON_M = 10.0  # floor beyond all obstacles, at most, under a slab or a roof that is larger
 
 
-def read_sdf(file: Path, bounds: Bounds | None = None) -> Layout:
+def read_sdf(
+    file: Path,
+    bounds: Bounds | None = None,
+    model_path: Sequence[str | Path] = (),
+    ends_m: Sequence[Sequence[float]] = (),
+) -> Layout:
     """Read a world from an SDF file.
 
     Args:
-        file: the SDF file.
-        bounds: x_min, y_min, x_max, y_max of the floor, m; None: 2 m around all obstacles.
+        file: the SDF file, with a world or one model.
+        bounds: x_min, y_min, x_max, y_max of the floor, m; None: 2 m around all obstacles, 1 m
+            around the ends in there, and all that lies or hangs near the obstacles.
+        model_path: folders of the models that the file includes and of meshes.
+        ends_m: x, y of the robot's start, which tells what it stands on, and of its goal in map, m.
 
     Returns:
-        The bounds and the obstacles.
+        The bounds, the obstacles, and what was left out or assumed.
 
     Raises:
         InputError: the file is not SDF, or has unsupported content. The text has one line.
     """
-    obstacles = tuple(_things(file, _parse(file)))
+    notes, files = Notes(), ModelFiles(file, [Path(folder) for folder in model_path])
+    shapes = ShapeReader(files)
+    things: list[Placed] = []
+    planes: list[Ground] = []
+    for collision in WorldReader(file, files, notes).collisions():
+        for body in shapes.bodies(collision):
+            if isinstance(body, Ground):
+                planes.append(body)
+            else:
+                things.append(placed(collision, body))
+                check_limit(len(things), SHAPES, f"{file}: shapes")
+    ground = ground_height(things, planes, ends_m[0] if ends_m else None, notes)
+    obstacles: list[Obstacle] = []
+    for one in standing(things, ground, notes):
+        made = obstacles_of(one, ground)
+        if not made:
+            notes.add("what has no part at the robot's heights is left out", one.collision.model)
+        obstacles += made
+        check_limit(len(obstacles), SHAPES, f"{file}: shapes")
     if bounds is None:
-        outlines = [s for one in obstacles for s in one.sections()]
-        if not outlines:
-            raise InputError(f"{file}: the world has no obstacles; give bounds_m")
-        low = np.min([s.vertices_m.min(axis=0) - s.radius_m for s in outlines], axis=0) - _ROOM_M
-        high = np.max([s.vertices_m.max(axis=0) + s.radius_m for s in outlines], axis=0) + _ROOM_M
-        bounds = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
-    return Layout(bounds, obstacles)
+        bounds = _bounds(file, obstacles, things, ends_m)
+    for low, high in ((bounds[0], bounds[2]), (bounds[1], bounds[3])):
+        check_limit(high - low, ARENA_SIDE_M, f"{file}: side of the world (see bounds_m)", "m")
+    return Layout(bounds, tuple(obstacles), notes=notes.lines(file.name))
 
 
-def _parse(file: Path) -> Xml.Element:
-    """Parse an SDF file that is small and defines no entities, which could expand it."""
-    try:
-        data = file.read_bytes()
-    except OSError as error:
-        raise InputError(f"{file}: {error.strerror}") from None
-    if len(data) > _MOST_BYTES or b"<!ENTITY" in data or b"<!DOCTYPE" in data:
-        raise InputError(f"{file}: too large, or defines its own entities")
-    try:
-        root = Xml.fromstring(data)
-    except (Xml.ParseError, ValueError, LookupError) as error:
-        raise InputError(f"{file}: not XML: {error}") from None
-    if root.tag != "sdf" or (root.find("world") is None and root.find("model") is None):
-        raise InputError(f"{file}: not a Gazebo world (no <sdf> with a <world> or <model>)")
-    return root
-
-
-def _things(file: Path, root: Xml.Element) -> Iterator[Obstacle]:
-    for holder in [*root.findall("world"), root]:
-        for include in holder.findall("include"):
-            raise _included(f"{file}:", include)
-        for model in holder.findall("model"):
-            yield from _model(file, model, np.zeros(3))
-
-
-def _model(file: Path, model: Xml.Element, outer: FloatArray) -> Iterator[Obstacle]:
-    name = f"{file}: model {model.get('name', '?')}"
-    place = compose(outer, _pose(name, model))
-    for include in model.findall("include"):
-        raise _included(name, include)
-    for inner in model.findall("model"):
-        yield from _model(file, inner, place)
-    for link in model.findall("link"):
-        at = compose(place, _pose(name, link))
-        for collision in link.findall("collision"):
-            found = _shape(name, collision, compose(at, _pose(name, collision)))
-            if found is not None:
-                yield found
-
-
-def _included(name: str, include: Xml.Element) -> InputError:
-    uri = include.findtext("uri", "?")
-    return InputError(f"{name} includes {uri}: only what is in this file is supported")
-
-
-def _pose(name: str, element: Xml.Element) -> FloatArray:
-    """Read an element's own pose (3,) x, y, yaw. Its height is not used: all is on the floor."""
-    pose = element.find("pose")
-    if pose is None:
-        return np.zeros(3)
-    if pose.get("relative_to") or pose.get("frame"):
-        raise InputError(f"{name}: a pose relative to a named frame is not supported")
-    x, y, _, roll, pitch, yaw = _numbers(name, "pose", pose.text, 6)
-    if abs(roll) > _TILT_RAD or abs(pitch) > _TILT_RAD:
-        raise InputError(f"{name}: is tilted; only upright models are supported")
-    return np.array([x, y, yaw])
-
-
-def _shape(name: str, collision: Xml.Element, at: FloatArray) -> Obstacle | None:
-    """Read the obstacle of a collision with the pose ``at`` (3,); None for the floor."""
-    geometry = collision.find("geometry")
-    kinds = [] if geometry is None else [child for child in geometry if child.tag != "empty"]
-    if not kinds:
-        return None
-    shape, where = kinds[0], (float(at[0]), float(at[1]))
-    if shape.tag in _FLAT:
-        return None
-    if shape.tag == "cylinder":
-        (radius,), (length,) = (
-            _numbers(name, key, shape.findtext(key), 1) for key in ("radius", "length")
-        )
-        kind: ShapeName = "cylinder"
-        size: tuple[float, ...] = (2.0 * radius,)
-        yaw, height = 0.0, length
-    elif shape.tag == "box":
-        x, y, height = _numbers(name, "size", shape.findtext("size"), 3)
-        kind, size, yaw = "box", (x, y), float(at[2])
-    else:
-        what = f"{name}: a {shape.tag} {shape.findtext('uri', '')}".rstrip()
-        raise InputError(f"{what}: only cylinders and boxes are supported")
-    try:
-        return Obstacle(kind, where, size, yaw, min(height, 3.0))
-    except ValueError:
-        raise InputError(f"{name}: a {shape.tag} of an impossible size or place") from None
-
-
-def _numbers(name: str, what: str, text: str | None, count: int) -> list[float]:
-    try:
-        values = [float(word) for word in (text or "").split()]
-    except ValueError:
-        values = []
-    if len(values) != count or not all(map(math.isfinite, values)):
-        raise InputError(f"{name}: {what} '{(text or '').strip()[:40]}': not {count} numbers")
-    return values
+def _bounds(
+    file: Path,
+    obstacles: Sequence[Obstacle],
+    things: Sequence[Placed],
+    ends_m: Sequence[Sequence[float]],
+) -> Bounds:
+    """Choose the bounds: a rim around all obstacles, and the floor or roof near them."""
+    outlines = [s for one in obstacles for s in one.sections()]
+    if not outlines:
+        raise InputError(f"{file}: the world has no obstacles; give bounds_m")
+    low = np.min([s.vertices_m.min(axis=0) - s.radius_m for s in outlines], axis=0)
+    high = np.max([s.vertices_m.max(axis=0) + s.radius_m for s in outlines], axis=0)
+    low_all = np.min([one.low[:2] for one in things], axis=0)
+    high_all = np.max([one.high[:2] for one in things], axis=0)
+    low = np.minimum(low - _ROOM_M, np.maximum(low_all, low - _APRON_M))
+    high = np.maximum(high + _ROOM_M, np.minimum(high_all, high + _APRON_M))
+    for end in np.array([end[:2] for end in ends_m]).reshape(-1, 2):
+        if np.all((end >= low) & (end <= high)):  # others are reported as outside
+            low, high = np.minimum(low, end - _END_M), np.maximum(high, end + _END_M)
+    return (float(low[0]), float(low[1]), float(high[0]), float(high[1]))

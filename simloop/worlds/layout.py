@@ -27,6 +27,7 @@ class Layout:
         terrain: ground that is not flat.
         loose: movable bodies.
         movers: things that move by themselves.
+        notes: what was left out or assumed when the world was read, each in a line.
     """
 
     bounds_m: Bounds | None = None
@@ -35,6 +36,7 @@ class Layout:
     terrain: Terrain | None = None
     loose: tuple[Loose, ...] = ()
     movers: tuple[Mover, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 def box(x0: float, y0: float, x1: float, y1: float, height_m: float = HEIGHT_M) -> Obstacle:

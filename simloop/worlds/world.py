@@ -25,12 +25,14 @@ class World:
         floor: the true floor plan.
         body: the robot's true outline.
         movers: the movers, in the order of the model's mocap bodies.
+        notes: what was left out or assumed when the world was read, each in a line.
     """
 
     model: mujoco.MjModel
     floor: FloorPlan
     body: Body
     movers: tuple[Mover, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 def compile_world(layout: Layout, config: Config) -> World:
@@ -49,4 +51,4 @@ def compile_world(layout: Layout, config: Config) -> World:
     spec = assemble(layout, config.tracks.friction)
     body = body_of(spec)
     model = compile_spec(spec, config.rates.physics_s, config.payload)
-    return World(model, floor_plan(model), body, layout.movers)
+    return World(model, floor_plan(model), body, layout.movers, layout.notes)

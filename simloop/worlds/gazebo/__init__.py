@@ -1,0 +1,1 @@
+"""The parts of the reader of Gazebo worlds: XML, poses, frames, states, models, shapes, meshes."""
