@@ -187,6 +187,7 @@ def run_scenario(
     world = _build(wanted)
     # Nothing is written before this line, and all input is checked before it.
     console, notes = Console(quiet=quiet), Console(stderr=True, quiet=quiet)
+    _say(notes, world)
     with compiling_shown(notes) as report:
         from simloop.evaluation.provenance import versions
         from simloop.loop import Simulation, warm_up
@@ -276,6 +277,12 @@ def _build(scenario: Scenario) -> World:
             f"MUJOCO_GL={name}: cannot be loaded ({error}); choices: egl, osmesa, disable"
         ) from None
     return build_world(scenario)
+
+
+def _say(notes: Console, world: World) -> None:
+    """Print what of the world's file is not used or was decided."""
+    for note in world.notes:
+        notes.print(note, markup=False, highlight=False, soft_wrap=True)
 
 
 def _print_result(console: Console, metrics: dict[str, Any], outputs: Outputs) -> None:

@@ -35,6 +35,18 @@ NESTING = 64
 NAME_CHARACTERS = 200
 """Length of a name that a file or an option gives."""
 
+MJCF_ELEMENTS = 200_000
+"""Elements of an MJCF arena, with all copies that its ``<replicate>`` make."""
+
+MJCF_REACH_M = 100_000.0
+"""Largest coordinate or size in an MJCF arena, m. In single precision it is exact to 8 mm."""
+
+TEXTURE_PIXELS = 20_000_000
+"""Pixels of all textures of an MJCF arena together, and points of a height field."""
+
+MESH_BYTES = 32 * 2**20
+"""Size of a mesh, texture or height field of an MJCF arena, as a file."""
+
 
 def check_limit(value: float, most: float, what: str, unit: str = "") -> None:
     """Check a size before memory is taken for it.

@@ -1,0 +1,154 @@
+"""Read an arena: only what stands and lies in it, with none of its own physics.
+
+An arena is parsed and compiled by itself, as MuJoCo alone reads it. What would change the vehicle's
+physics is left out, and named: options, sizes, joints' defaults, contact rules, actuators.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from simloop.common.errors import InputError, printable
+from simloop.common.limits import SHAPES, check_limit
+from simloop.physics.engine import warnings_heard
+from simloop.worlds.mjcf.files import settle_files
+from simloop.worlds.mjcf.scan import scan
+
+_LONGEST = 8  # names that are listed in a note
+_SIZES = (
+    "nuser_body", "nuser_jnt", "nuser_geom", "nuser_site", "nuser_cam", "nuser_tendon",
+    "nuser_actuator", "nuser_sensor",
+)  # fmt: skip
+_DROPPED = (
+    "keys", "sensors", "actuators", "tendons", "equalities", "excludes", "pairs", "tuples",
+    "texts",
+)  # fmt: skip
+_MASS_RULES = {"settotalmass": -1.0, "boundmass": 0.0, "boundinertia": 0.0, "balanceinertia": 0}
+_STRUCTURE_RULES = ("discardvisual", "fusestatic")
+
+
+def read_spec(path: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel, list[str]]:
+    """Parse an arena and compile it by itself.
+
+    Args:
+        path: the arena's file.
+
+    Returns:
+        The specification, which has only bodies, geoms, cameras, lights, sites, assets and
+        numerics; its compiled model, in which a geom has the number that is its ``id``; and what
+        was left out, for the user.
+
+    Raises:
+        InputError: the file cannot be used. The text has one line.
+    """
+    source = scan(path)
+    said: list[str] = []
+    with _warnings_kept(said):
+        spec = _quietly(path, mujoco.MjSpec.from_string, source.text, include=source.included)
+        check_limit(len(spec.geoms), SHAPES, f"{path.name}: geoms")
+        spec.modelfiledir = str(path.resolve().parent)
+        settle_files(spec, path.resolve().parent)
+        said += _drop_rules(spec)
+        _drop_elements(spec, said)
+        model = _quietly(path, spec.compile)
+    if not np.all(np.isfinite(model.geom_pos)) or not np.all(np.isfinite(model.geom_size)):
+        raise InputError("a geom has a position or size that is not a number")
+    return spec, model, said
+
+
+def _quietly(path: Path, function: Any, *arguments: Any, **named: Any) -> Any:
+    """Call MuJoCo, and make one line of its error."""
+    try:
+        return function(*arguments, **named)
+    except (ValueError, TypeError, RuntimeError, mujoco.FatalError) as error:
+        raise InputError(f"{path.name}: {error}") from None
+
+
+@contextmanager
+def _warnings_kept(said: list[str]) -> Iterator[None]:
+    """Collect MuJoCo's warnings, from its log and from its compiler."""
+    with warnings_heard() as heard, warnings.catch_warnings(record=True) as raised:
+        warnings.simplefilter("always")
+        yield
+    texts = dict.fromkeys([*heard, *(str(one.message) for one in raised)])
+    said += [f"MuJoCo: {printable(text, 300)}" for text in texts]
+
+
+def _drop_rules(spec: mujoco.MjSpec) -> list[str]:
+    """Set options, sizes and the compiler's rules of mass to MuJoCo's own, and name them."""
+    plain, names = mujoco.MjSpec(), []
+    for key in _fields(spec.option):
+        theirs, ours = getattr(spec.option, key), getattr(plain.option, key)
+        if not np.array_equal(theirs, ours, equal_nan=True):
+            names += _flags(key, int(theirs)) if key.endswith("ableflags") else [f"option {key}"]
+            setattr(spec.option, key, ours)
+    for key, none in _MASS_RULES.items():
+        if getattr(spec.compiler, key) != none:
+            names.append(f"compiler {key}")
+            setattr(spec.compiler, key, none)
+    for key in _STRUCTURE_RULES:
+        if getattr(spec.compiler, key):
+            names.append(f"compiler {key}")
+            setattr(spec.compiler, key, 0)
+    for key in ("memory", "njmax", "nconmax", "nstack", "nuserdata", "nkey", *_SIZES):
+        if getattr(spec, key) != getattr(plain, key):
+            names.append(f"size {key}")
+            setattr(spec, key, getattr(plain, key))
+    for key in ("meaninertia", "meanmass", "meansize"):
+        setattr(spec.stat, key, getattr(plain.stat, key))
+    if not names:
+        return []
+    return [f"not used, because the vehicle's own are: {', '.join(names)}"]
+
+
+def _fields(section: Any) -> list[str]:
+    return [name for name in dir(section) if not name.startswith("_")]
+
+
+def _flags(key: str, bits: int) -> list[str]:
+    """Name the flags that differ from MuJoCo's, e.g. ``flag contact``."""
+    kinds = mujoco.mjtDisableBit if key == "disableflags" else mujoco.mjtEnableBit
+    return [
+        f"option flag {name.removeprefix('mjDSBL_').removeprefix('mjENBL_').lower()}"
+        for name, kind in kinds.__members__.items()
+        if not name.startswith("mjN") and bits & int(kind.value)
+    ]
+
+
+def _drop_elements(spec: mujoco.MjSpec, said: list[str]) -> None:
+    """Delete all that is no part of an arena, and name it."""
+    if len(spec.flexes) or len(spec.skins) or len(spec.plugins):
+        raise InputError("flexes, skins and plugins cannot be used in an arena")
+    counts = []
+    for kind in _DROPPED:
+        elements = list(getattr(spec, kind))
+        if elements:
+            counts.append(f"{len(elements)} {kind}")
+        for element in elements:
+            spec.delete(element)
+    for numeric in list(spec.numerics):
+        if numeric.name != "bounds":
+            spec.delete(numeric)
+    if counts:
+        said.append(f"left out, because an arena only stands and lies: {', '.join(counts)}")
+
+
+def listed(names: list[str]) -> str:
+    """Join names for a note.
+
+    Args:
+        names: names from a file; an empty one is a geom without a name.
+
+    Returns:
+        At most the first eight, safe to print.
+    """
+    shown = [printable(name, 40) or "(no name)" for name in names[:_LONGEST]]
+    more = len(names) - len(shown)
+    return ", ".join(shown) + (f" and {more} more" if more else "")

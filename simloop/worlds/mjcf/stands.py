@@ -1,0 +1,197 @@
+"""Decide what each geom of an arena is, from its shape and place, and set its contacts by that.
+
+A geom that stands is seen by the LiDAR, touched by the vehicle and on the floor plan, all three or
+none. So the contact bits that an arena's file has cannot hide a wall from the referee.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from simloop.common.errors import InputError, printable
+from simloop.messages import FloatArray
+from simloop.physics.vehicle_geoms import SEEN_GROUPS
+from simloop.worlds.mjcf.reader import listed
+
+FLOOR_BITS, OBSTACLE_BITS, LOOSE_BITS = (2, 0), (1, 0), (1, 3)
+"""contype and conaffinity. The hull has conaffinity 1 and the wheels 3: both touch obstacles, and
+the hull never touches the floor."""
+GROUND_BITS = (3, 0)
+BELLY_M = 0.02
+"""Height of the hull's lower edge. Lower ground touches only the wheels."""
+_NAMED_FLAT_M, _FLAT_M = 0.01, 0.001
+_LEVEL = 1.0 - 1e-6
+_STANDING_NAMES = ("wall", "obstacle", "ground_", "loose_")
+_UNSEEN = 2  # the geom group of decoration
+_PLANE, _BOX = mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_BOX
+
+
+class Stands:
+    """Places and shapes of an arena's geoms, from its compiled model."""
+
+    def __init__(self, spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
+        """Compute the places.
+
+        Args:
+            spec: the arena.
+            model: the same, compiled by itself.
+        """
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        self._model, self._data = model, data
+        self._geoms: list[mujoco.MjsGeom] = sorted(spec.geoms, key=lambda geom: int(geom.id))
+        self._static = model.body_weldid[model.geom_bodyid] == 0
+        self._up = data.geom_xmat[:, 8]
+
+    def classify(self, path: Path, said: list[str]) -> FloatArray | None:
+        """Name the floor, and set the contacts of all geoms.
+
+        Args:
+            path: the arena's file, for messages.
+            said: what the user must know; extended.
+
+        Returns:
+            (4,) the rectangle of the floor in map, m; None if it has no end.
+
+        Raises:
+            InputError: the arena has no floor, or a plane or a group that cannot be used.
+        """
+        floors = self._floors(path)
+        floor = next((g for g in floors if g.name == "floor"), floors[0])
+        if floor.name != "floor":
+            said.append(f"the floor is the geom {printable(floor.name, 40) or '(no name)'}")
+        changed, decoration, contacts = [], [], []
+        for number, geom in enumerate(self._geoms):
+            before = (geom.contype, geom.conaffinity)
+            solid = before != (0, 0) or geom.name.startswith(_STANDING_NAMES)
+            bits = FLOOR_BITS if geom in floors else self._bits(number, geom)
+            if geom.type == _PLANE and geom not in floors:
+                self._check_plane(number, geom)
+                bits = (0, 0)
+            if not solid and geom not in floors:
+                bits = (0, 0)
+                if geom.group in SEEN_GROUPS:
+                    decoration.append(geom.name)
+                    geom.group = _UNSEEN
+            elif geom.group not in SEEN_GROUPS:
+                name = printable(geom.name, 80) or "without a name"
+                raise InputError(
+                    f"geom {name} is in group {geom.group}, which the LiDAR does not see: use 0"
+                )
+            if (before[0] | before[1]) & 1 != (bits[0] | bits[1]) & 1 or (before == (0, 0)) != (
+                bits == (0, 0)
+            ):
+                changed.append(geom.name)
+            geom.contype, geom.conaffinity = bits
+            contacts += self._plain_contact(geom)
+        if decoration:
+            said.append(
+                "decoration, neither seen nor touched (contype 0, conaffinity 0): "
+                f"{listed(decoration)}"
+            )
+        if changed:
+            said.append(f"touched by what they are, not by their contact bits: {listed(changed)}")
+        if contacts:
+            said.append(
+                "not used, because the vehicle's own are: "
+                f"{', '.join(dict.fromkeys(contacts))} of geoms"
+            )
+        self._rename(floor, floors)
+        return self._rectangle(floor)
+
+    def _floors(self, path: Path) -> list[mujoco.MjsGeom]:
+        """List the level planes and boxes whose upper face is the floor, planes first."""
+        found: list[tuple[bool, float, mujoco.MjsGeom]] = []
+        odd = []
+        for number, geom in enumerate(self._geoms):
+            kind = mujoco.mjtGeom(int(self._model.geom_type[number]))
+            size = self._model.geom_size[number]
+            if not self._static[number] or kind not in (_PLANE, _BOX):
+                continue
+            named = geom.name == "floor"
+            top = self._data.geom_xpos[number, 2] + (size[2] if kind == _BOX else 0.0)
+            level = abs(self._up[number]) > _LEVEL if kind == _BOX else self._up[number] > _LEVEL
+            if level and abs(top) <= (_NAMED_FLAT_M if named else _FLAT_M):
+                endless = kind == _PLANE and not np.all(size[:2] > 0.0)
+                area = np.inf if endless else float(size[0] * size[1])
+                found.append((kind != _PLANE, -area, geom))
+            elif named or (level and kind == _PLANE):
+                name = printable(geom.name, 40) or "(no name)"
+                at = f"its upper face is at z = {top:g} m" if level else "it is not level"
+                odd.append(f"{name}: {at}")
+        if not found or any(one.startswith("floor: ") for one in odd):
+            hint = f" ({'; '.join(odd[:3])})" if odd else ""
+            raise InputError(
+                f"{path.name}: the arena has no floor: a plane at z = 0, or a box whose upper "
+                f"face is there{hint}"
+            )
+        return [geom for *_, geom in sorted(found, key=lambda one: one[:2])]
+
+    def _bits(self, number: int, geom: mujoco.MjsGeom) -> tuple[int, int]:
+        """Choose contype and conaffinity of a geom that is no floor, from what it is."""
+        if not self._static[number]:
+            return LOOSE_BITS
+        if geom.name.startswith("ground_"):
+            return GROUND_BITS if self._top(number) > BELLY_M else FLOOR_BITS
+        return OBSTACLE_BITS
+
+    def _top(self, number: int) -> float:
+        """Compute an upper limit of a geom's height, m."""
+        if int(self._model.geom_type[number]) == int(mujoco.mjtGeom.mjGEOM_HFIELD):
+            size = self._model.hfield_size[self._model.geom_dataid[number]]
+            return float(self._data.geom_xpos[number, 2] + size[2])
+        box = self._model.geom_aabb[number]
+        reach = np.abs(self._data.geom_xmat[number, 6:9]) @ box[3:]
+        middle = self._data.geom_xmat[number, 6:9] @ box[:3]
+        return float(self._data.geom_xpos[number, 2] + middle + reach)
+
+    def _check_plane(self, number: int, geom: mujoco.MjsGeom) -> None:
+        """Raise InputError for a plane that would stand: MuJoCo's planes have no end."""
+        below = self._up[number] > _LEVEL and self._data.geom_xpos[number, 2] < 0.0
+        if self._static[number] and (below or not (geom.contype or geom.conaffinity)):
+            return
+        name = printable(geom.name, 80) or "without a name"
+        raise InputError(
+            f"geom {name} is a plane that is not the floor: MuJoCo's planes have no end, use a box"
+        )
+
+    def _plain_contact(self, geom: mujoco.MjsGeom) -> list[str]:
+        """Take away what would change the vehicle's contacts; return the attributes' names."""
+        names = [key for key in ("margin", "gap", "adhesion", "surfacevel") if _given(geom, key)]
+        geom.margin = geom.gap = 0.0
+        geom.adhesion = np.zeros_like(geom.adhesion) if np.ndim(geom.adhesion) else 0.0
+        geom.surfacevel = np.zeros_like(geom.surfacevel)
+        loose = not self._static[int(geom.id)]
+        if geom.priority > (1 if loose else 0):
+            names.append("priority")
+            geom.priority = 1 if loose else 0
+        return names
+
+    def _rename(self, floor: mujoco.MjsGeom, floors: list[mujoco.MjsGeom]) -> None:
+        """Give the floor its name, and other faces at its height names of ground."""
+        taken = {geom.name for geom in self._geoms}
+        for number, geom in enumerate(floors):
+            if geom is not floor and geom != floor and not geom.name.startswith("ground_"):
+                name = f"ground_{geom.name or number}"
+                while name in taken:
+                    name += "_"
+                geom.name = name
+                taken.add(name)
+        floor.name = "floor"
+
+    def _rectangle(self, floor: mujoco.MjsGeom) -> FloatArray | None:
+        """Compute the floor's least and greatest x and y (4,), m; None without an end."""
+        number = int(floor.id)
+        half = self._model.geom_size[number, :2]
+        if not np.all(half > 0.0):
+            return None
+        turn = np.abs(self._data.geom_xmat[number].reshape(3, 3)[:2, :2])
+        reach, middle = turn @ half, self._data.geom_xpos[number, :2]
+        return np.concatenate([middle - reach, middle + reach])
+
+
+def _given(geom: mujoco.MjsGeom, key: str) -> bool:
+    return bool(np.any(np.asarray(getattr(geom, key)) != 0.0))
