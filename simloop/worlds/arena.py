@@ -276,7 +276,8 @@ def overlaps(model: mujoco.MjModel, start: Sequence[float] | FloatArray) -> list
     at = int(model.jnt_qposadr[base.jntadr[0]])
     data.qpos[at : at + 2] = start[:2]
     data.qpos[at + 3 : at + 7] = math.cos(0.5 * start[2]), 0.0, 0.0, math.sin(0.5 * start[2])
-    mujoco.mj_forward(model, data)
+    with warnings_heard():
+        mujoco.mj_forward(model, data)
     pairs = []
     for contact in data.contact[: data.ncon]:
         bodies = model.body_rootid[model.geom_bodyid[contact.geom]]

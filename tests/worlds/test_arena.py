@@ -333,5 +333,5 @@ def test_bounds_are_given_or_those_of_the_floor(tmp_path: Path) -> None:
     file.write_text(f"{bare}</worldbody></mujoco>")
     assert bounds_of(build(file)) == pytest.approx([-2.0, -2.0, 4.0, 2.0])
     file.write_text(f"{bare.replace('3 2 1', '0 0 1')}</worldbody></mujoco>")
-    with pytest.raises(ValueError, match="no numeric 'bounds'.*its floor has no end"):
+    with pytest.raises(ValueError, match=r"no numeric 'bounds'.*its floor has no end"):
         build(file)

@@ -132,10 +132,15 @@ class Stands:
 
     def _bits(self, number: int, geom: mujoco.MjsGeom) -> tuple[int, int]:
         """Choose contype and conaffinity of a geom that is no floor, from what it is."""
+        name = printable(geom.name, 80) or "without a name"
+        if geom.type == mujoco.mjtGeom.mjGEOM_SDF:
+            raise InputError(f"geom {name} is of type sdf, whose outline cannot be told: use a mesh")
+        if self._static[number] and geom.name.startswith("ground_"):
+            return GROUND_BITS if self._top(number) > BELLY_M else FLOOR_BITS
+        if geom.type == mujoco.mjtGeom.mjGEOM_HFIELD:
+            raise InputError(f"geom {name} is a height field, which can only be ground: name it ground_*")
         if not self._static[number]:
             return LOOSE_BITS
-        if geom.name.startswith("ground_"):
-            return GROUND_BITS if self._top(number) > BELLY_M else FLOOR_BITS
         return OBSTACLE_BITS
 
     def _top(self, number: int) -> float:
