@@ -35,13 +35,16 @@ NESTING = 64
 NAME_CHARACTERS = 200
 """Length of a name that a file or an option gives."""
 
-MJCF_ELEMENTS = 200_000
+MJCF_ELEMENTS = 60_000
 """Elements of an MJCF arena, with all copies that its ``<replicate>`` make."""
 
 MJCF_REACH_M = 100_000.0
 """Largest coordinate or size in an MJCF arena, m. In single precision it is exact to 8 mm."""
 
-TEXTURE_PIXELS = 20_000_000
+LOOSE_BODIES = 100
+"""Bodies of a world that can be pushed. MuJoCo's matrices have the square of their number."""
+
+TEXTURE_PIXELS = 2**25
 """Pixels of all textures of an MJCF arena together, and points of a height field."""
 
 MESH_BYTES = 32 * 2**20

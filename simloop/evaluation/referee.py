@@ -81,8 +81,9 @@ class Referee:
     def judge(self, truth: Truth, status: RobotStatus, goal_m: FloatArray) -> Outcome | None:
         """Decide whether the run ends in this control period.
 
-        Unstable physics has priority over a collision, that over the robot's report, and the
-        report over the time limit. A robot that reports arrival while it still moves is not judged yet.
+        Unstable physics has priority over a collision, a collision over the robot's report, and
+        the report over the time limit. A robot that reports arrival while it still moves is not
+        judged yet.
 
         Args:
             truth: Ground truth at the end of the period.

@@ -18,7 +18,7 @@ import numpy as np
 
 from simloop.common.data_files import models_dir
 from simloop.common.errors import InputError, printable
-from simloop.common.limits import ARENA_SIDE_M, check_limit
+from simloop.common.limits import ARENA_SIDE_M, LOOSE_BODIES, check_limit
 from simloop.config import PayloadConfig
 from simloop.messages import FloatArray
 from simloop.physics.engine import warnings_heard
@@ -104,6 +104,7 @@ def assemble_with_notes(
             joints that LiDAR, contacts and floor plan would treat differently.
     """
     path = arena_path(layout.arena)
+    check_limit(len(layout.loose), LOOSE_BODIES, "loose: bodies")
     said: list[str] = []
     try:
         world = join(_read(path, layout, said))

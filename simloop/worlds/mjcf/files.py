@@ -53,8 +53,9 @@ def _is_file(path: Path) -> bool:
 def _allowed(path: Path, folder: Path, where: str) -> Path:
     """Return the path if it is below the arena's folder, simloop's models or a named folder."""
     named = [Path(one) for one in os.environ.get(MODEL_PATH, "").split(os.pathsep) if one]
-    at = path.resolve()
-    if not any(at.is_relative_to(one.resolve()) for one in (folder, models_dir(), *named)):
+    at = Path(os.path.realpath(path))  # unlike Path.resolve, without an error for a loop of links
+    folders = [os.path.realpath(one) for one in (folder, models_dir(), *named)]
+    if not any(at.is_relative_to(one) for one in folders):
         raise InputError(
             f"{where}: {printable(str(at), 200)} is outside the arena's folder: to include it all "
             f"the same, name its folder in {MODEL_PATH}"

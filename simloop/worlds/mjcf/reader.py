@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 
 from simloop.common.errors import InputError, printable
-from simloop.common.limits import SHAPES, check_limit
+from simloop.common.limits import LOOSE_BODIES, SHAPES, check_limit
 from simloop.physics.engine import warnings_heard
 from simloop.worlds.mjcf.files import settle_files
 from simloop.worlds.mjcf.scan import scan
@@ -53,6 +53,7 @@ def read_spec(path: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel, list[str]]:
     with _warnings_kept(said):
         spec = _quietly(path, mujoco.MjSpec.from_string, source.text, include=source.included)
         check_limit(len(spec.geoms), SHAPES, f"{path.name}: geoms")
+        check_limit(len(spec.joints), LOOSE_BODIES, f"{path.name}: joints")
         spec.modelfiledir = str(path.resolve().parent)
         settle_files(spec, path.resolve().parent)
         said += _drop_rules(spec)
@@ -101,6 +102,7 @@ def _drop_rules(spec: mujoco.MjSpec) -> list[str]:
         if getattr(spec, key) != getattr(plain, key):
             names.append(f"size {key}")
             setattr(spec, key, getattr(plain, key))
+    spec.compiler.conflict = plain.compiler.conflict
     for key in ("meaninertia", "meanmass", "meansize"):
         setattr(spec.stat, key, getattr(plain.stat, key))
     if not names:

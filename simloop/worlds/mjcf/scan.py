@@ -8,6 +8,7 @@ is made from numbers, files that are included, and elements that cannot be part 
 from __future__ import annotations
 
 import math
+import os
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,7 +27,20 @@ from simloop.worlds.mjcf.files import find_include
 
 _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 _NOT_FINITE = re.compile(r"[+-]?(nan|inf)(inity|\([^)]*\))?", re.IGNORECASE)
-_LENGTHS = frozenset({"pos", "size", "fromto", "scale", "vertex", "offset", "refpos", "elevation"})
+_LENGTHS = frozenset(
+    {
+        "pos",
+        "size",
+        "fromto",
+        "scale",
+        "vertex",
+        "offset",
+        "refpos",
+        "elevation",
+        "extent",
+        "center",
+    }
+)
 _TEXTS = frozenset({"name", "class", "childclass", "model", "file", "data"})
 _MOST_INCLUDES = 1000
 _MOST_PARAMETER = 64  # of a built-in mesh: MuJoCo makes its square or its power of four in faces
@@ -60,7 +74,7 @@ class _Scan:
     """What has been counted so far, over all files."""
 
     main: Path
-    seen: set[Path] = field(default_factory=set)
+    seen: set[str] = field(default_factory=set)
     included: dict[str, bytes] = field(default_factory=dict)
     elements: int = 0
     pixels: int = 0
@@ -87,7 +101,7 @@ def _scan_file(state: _Scan, path: Path, depth: int, copies: int) -> str:
     """Check one file, and return it with its includes renamed. It stands at ``depth``."""
     if depth > NESTING or len(state.seen) > _MOST_INCLUDES:
         raise InputError(f"{path.name}: included too deeply, or too many files are included")
-    state.seen.add(path.resolve())
+    state.seen.add(os.path.realpath(path))
     # MuJoCo accepts '--' within a comment, and XML does not.
     text = _COMMENT.sub(lambda found: "\n" * found.group().count("\n"), read_text(path))
     if "\0" in text:
@@ -153,7 +167,7 @@ class _Reader:
     def _include(self, name: str, depth: int, copies: int) -> None:
         state = self._state
         path = find_include(name, state.main, self._path, self._where())
-        if path.resolve() in state.seen:
+        if os.path.realpath(path) in state.seen:
             raise InputError(f"{self._where()}: {printable(name, 200)} is included twice")
         key = f"included_{len(state.included)}.xml"
         state.included[key] = b""  # takes the name before the files that this one includes
@@ -174,8 +188,9 @@ class _Reader:
                     far = f"{self._where()}: {key}"
                     check_limit(abs(_number(word)), MJCF_REACH_M, far, "m")
         if tag == "texture":
-            size = [_number(attributes.get(key, "0")) for key in ("width", "height")]
-            self._state.pixels += int(6 * max(size[0], 1.0) * max(size[1], size[0], 1.0))
+            width, height = (_number(attributes.get(key, "0")) for key in ("width", "height"))
+            flat = attributes.get("type") == "2d"
+            self._state.pixels += int(abs(width * height) if flat else 6.0 * width * width)
             check_limit(self._state.pixels, TEXTURE_PIXELS, f"{self._where()}: pixels of textures")
         if tag == "hfield":
             cells = _number(attributes.get("nrow", "0")) * _number(attributes.get("ncol", "0"))

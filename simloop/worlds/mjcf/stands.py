@@ -14,6 +14,7 @@ import numpy as np
 from simloop.common.errors import InputError, printable
 from simloop.messages import FloatArray
 from simloop.physics.vehicle_geoms import SEEN_GROUPS
+from simloop.worlds.mjcf.concave import is_concave
 from simloop.worlds.mjcf.reader import listed
 
 FLOOR_BITS, OBSTACLE_BITS, LOOSE_BITS = (2, 0), (1, 0), (1, 3)
@@ -25,6 +26,7 @@ BELLY_M = 0.02
 _NAMED_FLAT_M, _FLAT_M = 0.01, 0.001
 _LEVEL = 1.0 - 1e-6
 _STANDING_NAMES = ("wall", "obstacle", "ground_", "loose_")
+_VEHICLE = 3  # conaffinity of the wheels; that of the hull is 1, and both have contype 0
 _UNSEEN = 2  # the geom group of decoration
 _PLANE, _BOX = mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_BOX
 
@@ -45,6 +47,7 @@ class Stands:
         self._geoms: list[mujoco.MjsGeom] = sorted(spec.geoms, key=lambda geom: int(geom.id))
         self._static = model.body_weldid[model.geom_bodyid] == 0
         self._up = data.geom_xmat[:, 8]
+        self._noted: dict[str, list[str]] = {}
 
     def classify(self, path: Path, said: list[str]) -> FloatArray | None:
         """Name the floor, and set the contacts of all geoms.
@@ -63,44 +66,38 @@ class Stands:
         floor = next((g for g in floors if g.name == "floor"), floors[0])
         if floor.name != "floor":
             said.append(f"the floor is the geom {printable(floor.name, 40) or '(no name)'}")
-        changed, decoration, contacts = [], [], []
+        numbers = {int(geom.id) for geom in floors}
         for number, geom in enumerate(self._geoms):
-            before = (geom.contype, geom.conaffinity)
-            solid = before != (0, 0) or geom.name.startswith(_STANDING_NAMES)
-            bits = FLOOR_BITS if geom in floors else self._bits(number, geom)
-            if geom.type == _PLANE and geom not in floors:
-                self._check_plane(number, geom)
-                bits = (0, 0)
-            if not solid and geom not in floors:
-                bits = (0, 0)
-                if geom.group in SEEN_GROUPS:
-                    decoration.append(geom.name)
-                    geom.group = _UNSEEN
-            elif geom.group not in SEEN_GROUPS:
-                name = printable(geom.name, 80) or "without a name"
-                raise InputError(
-                    f"geom {name} is in group {geom.group}, which the LiDAR does not see: use 0"
-                )
-            if (before[0] | before[1]) & 1 != (bits[0] | bits[1]) & 1 or (before == (0, 0)) != (
-                bits == (0, 0)
-            ):
-                changed.append(geom.name)
-            geom.contype, geom.conaffinity = bits
-            contacts += self._plain_contact(geom)
-        if decoration:
-            said.append(
-                "decoration, neither seen nor touched (contype 0, conaffinity 0): "
-                f"{listed(decoration)}"
-            )
-        if changed:
-            said.append(f"touched by what they are, not by their contact bits: {listed(changed)}")
-        if contacts:
-            said.append(
-                "not used, because the vehicle's own are: "
-                f"{', '.join(dict.fromkeys(contacts))} of geoms"
-            )
+            self._settle(number, geom, number in numbers)
+        said += [f"{text}: {listed(names)}" for text, names in self._noted.items()]
         self._rename(floor, floors)
         return self._rectangle(floor)
+
+    def _settle(self, number: int, geom: mujoco.MjsGeom, is_floor: bool) -> None:
+        """Set the contacts and the group of one geom by what it is."""
+        before = (geom.contype, geom.conaffinity)
+        self._take_contact_rules(number, geom)
+        if geom.type == _PLANE and not is_floor:
+            self._check_plane(number, geom)
+            geom.contype = geom.conaffinity = 0
+            return
+        if not is_floor and before == (0, 0) and not geom.name.startswith(_STANDING_NAMES):
+            if geom.group in SEEN_GROUPS:
+                geom.group = _UNSEEN
+                self._note("decoration, neither seen nor touched (contype and conaffinity 0)", geom)
+            return
+        if geom.group not in SEEN_GROUPS:
+            raise InputError(
+                f"geom {_name(geom)} is in group {geom.group}, which the LiDAR does not see: use 0"
+            )
+        geom.contype, geom.conaffinity = FLOOR_BITS if is_floor else self._bits(number, geom)
+        if not before[0] & _VEHICLE:
+            self._note("touched, whatever contype and conaffinity say", geom)
+        if is_concave(self._model, number):
+            self._note("concave: the robot touches the convex hull, its LiDAR sees the mesh", geom)
+
+    def _note(self, text: str, geom: mujoco.MjsGeom) -> None:
+        self._noted.setdefault(text, []).append(geom.name)
 
     def _floors(self, path: Path) -> list[mujoco.MjsGeom]:
         """List the level planes and boxes whose upper face is the floor, planes first."""
@@ -132,13 +129,17 @@ class Stands:
 
     def _bits(self, number: int, geom: mujoco.MjsGeom) -> tuple[int, int]:
         """Choose contype and conaffinity of a geom that is no floor, from what it is."""
-        name = printable(geom.name, 80) or "without a name"
+        name = _name(geom)
         if geom.type == mujoco.mjtGeom.mjGEOM_SDF:
-            raise InputError(f"geom {name} is of type sdf, whose outline cannot be told: use a mesh")
+            raise InputError(
+                f"geom {name} is of type sdf, whose outline cannot be told: use a mesh"
+            )
         if self._static[number] and geom.name.startswith("ground_"):
             return GROUND_BITS if self._top(number) > BELLY_M else FLOOR_BITS
         if geom.type == mujoco.mjtGeom.mjGEOM_HFIELD:
-            raise InputError(f"geom {name} is a height field, which can only be ground: name it ground_*")
+            raise InputError(
+                f"geom {name} is a height field, which can only be ground: name it ground_*"
+            )
         if not self._static[number]:
             return LOOSE_BITS
         return OBSTACLE_BITS
@@ -158,28 +159,28 @@ class Stands:
         below = self._up[number] > _LEVEL and self._data.geom_xpos[number, 2] < 0.0
         if self._static[number] and (below or not (geom.contype or geom.conaffinity)):
             return
-        name = printable(geom.name, 80) or "without a name"
+        name = _name(geom)
         raise InputError(
             f"geom {name} is a plane that is not the floor: MuJoCo's planes have no end, use a box"
         )
 
-    def _plain_contact(self, geom: mujoco.MjsGeom) -> list[str]:
-        """Take away what would change the vehicle's contacts; return the attributes' names."""
-        names = [key for key in ("margin", "gap", "adhesion", "surfacevel") if _given(geom, key)]
-        geom.margin = geom.gap = 0.0
-        geom.adhesion = np.zeros_like(geom.adhesion) if np.ndim(geom.adhesion) else 0.0
-        geom.surfacevel = np.zeros_like(geom.surfacevel)
-        loose = not self._static[int(geom.id)]
-        if geom.priority > (1 if loose else 0):
-            names.append("priority")
-            geom.priority = 1 if loose else 0
-        return names
+    def _take_contact_rules(self, number: int, geom: mujoco.MjsGeom) -> None:
+        """Take away what would change how the vehicle is touched."""
+        for key in ("margin", "gap", "adhesion", "surfacevel"):
+            value = np.asarray(getattr(geom, key))
+            if np.any(value != 0.0):
+                self._note(f"{key} not used, because the vehicle's own is", geom)
+                setattr(geom, key, np.zeros_like(value) if value.ndim else 0.0)
+        most = 0 if self._static[number] else 1
+        if geom.priority > most:
+            self._note("priority not used, because the vehicle's own is", geom)
+            geom.priority = most
 
     def _rename(self, floor: mujoco.MjsGeom, floors: list[mujoco.MjsGeom]) -> None:
         """Give the floor its name, and other faces at its height names of ground."""
         taken = {geom.name for geom in self._geoms}
         for number, geom in enumerate(floors):
-            if geom is not floor and geom != floor and not geom.name.startswith("ground_"):
+            if geom != floor and not geom.name.startswith("ground_"):
                 name = f"ground_{geom.name or number}"
                 while name in taken:
                     name += "_"
@@ -198,5 +199,5 @@ class Stands:
         return np.concatenate([middle - reach, middle + reach])
 
 
-def _given(geom: mujoco.MjsGeom, key: str) -> bool:
-    return bool(np.any(np.asarray(getattr(geom, key)) != 0.0))
+def _name(geom: mujoco.MjsGeom) -> str:
+    return printable(geom.name, 80) or "without a name"
