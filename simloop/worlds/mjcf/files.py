@@ -11,7 +11,7 @@ import mujoco
 from simloop.common.data_files import models_dir
 from simloop.common.errors import InputError, printable
 from simloop.common.input_files import read_bytes
-from simloop.common.limits import MESH_BYTES, TEXTURE_PIXELS, check_limit
+from simloop.common.limits import HEIGHT_POINTS, MESH_BYTES, TEXTURE_PIXELS, check_limit
 
 MODEL_PATH = "SIMLOOP_MODEL_PATH"
 """Environment variable with further folders from which an arena may include files."""
@@ -84,7 +84,7 @@ def settle_files(spec: mujoco.MjSpec, folder: Path) -> None:
     for field in spec.hfields:
         if field.file:
             field.file = str(_find(field.file, spec, spec.compiler.meshdir, folder))
-            check_limit(_pixels(Path(field.file)), TEXTURE_PIXELS, f"{field.file}: points")
+            check_limit(_pixels(Path(field.file)), HEIGHT_POINTS, f"{field.file}: points")
     for texture in spec.textures:
         if texture.file:
             texture.file = str(_find(texture.file, spec, spec.compiler.texturedir, folder))

@@ -95,14 +95,15 @@ def _copy_look(arena: mujoco.MjSpec, world: mujoco.MjSpec) -> None:
 def _shorten(world: mujoco.MjSpec, elements: Iterable[Any], vehicles: set[str]) -> None:
     """Take the prefix off the arena's names that the vehicle does not have."""
     taken = set(vehicles)
+    followers = [one for one in (*world.cameras, *world.lights) if one.targetbody]
     for one in list(elements):
         short = one.name.removeprefix(PREFIX)
         if _OURS.match(short):
             short += "_"
         # The vehicle's road wheels are found by their numbers.
         if short != one.name and short not in taken and not short.startswith("road_"):
-            for camera in (*world.cameras, *world.lights):
-                if isinstance(one, mujoco.MjsBody) and camera.targetbody == one.name:
-                    camera.targetbody = short
+            for follower in followers:
+                if isinstance(one, mujoco.MjsBody) and follower.targetbody == one.name:
+                    follower.targetbody = short
             one.name = short
             taken.add(short)

@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 
 from simloop.common.errors import InputError, printable
-from simloop.common.limits import LOOSE_BODIES, SHAPES, check_limit
+from simloop.common.limits import LOOSE_BODIES, check_limit
 from simloop.physics.engine import warnings_heard
 from simloop.worlds.mjcf.files import settle_files
 from simloop.worlds.mjcf.scan import scan
@@ -25,10 +25,6 @@ _LONGEST = 8  # names that are listed in a note
 _SIZES = (
     "nuser_body", "nuser_jnt", "nuser_geom", "nuser_site", "nuser_cam", "nuser_tendon",
     "nuser_actuator", "nuser_sensor",
-)  # fmt: skip
-_DROPPED = (
-    "keys", "sensors", "actuators", "tendons", "equalities", "excludes", "pairs", "tuples",
-    "texts",
 )  # fmt: skip
 _MASS_RULES = {"settotalmass": -1.0, "boundmass": 0.0, "boundinertia": 0.0, "balanceinertia": 0}
 _STRUCTURE_RULES = ("discardvisual", "fusestatic")
@@ -50,14 +46,17 @@ def read_spec(path: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel, list[str]]:
     """
     source = scan(path)
     said: list[str] = []
+    if source.left_out:
+        said.append(
+            f"left out, because an arena only stands and lies: {', '.join(source.left_out)}"
+        )
     with _warnings_kept(said):
         spec = _quietly(path, mujoco.MjSpec.from_string, source.text, include=source.included)
-        check_limit(len(spec.geoms), SHAPES, f"{path.name}: geoms")
         check_limit(len(spec.joints), LOOSE_BODIES, f"{path.name}: joints")
         spec.modelfiledir = str(path.resolve().parent)
         settle_files(spec, path.resolve().parent)
         said += _drop_rules(spec)
-        _drop_elements(spec, said)
+        _check_elements(spec)
         model = _quietly(path, spec.compile)
     if not np.all(np.isfinite(model.geom_pos)) or not np.all(np.isfinite(model.geom_size)):
         raise InputError("a geom has a position or size that is not a number")
@@ -124,22 +123,12 @@ def _flags(key: str, bits: int) -> list[str]:
     ]
 
 
-def _drop_elements(spec: mujoco.MjSpec, said: list[str]) -> None:
-    """Delete all that is no part of an arena, and name it."""
-    if len(spec.flexes) or len(spec.skins) or len(spec.plugins):
-        raise InputError("flexes, skins and plugins cannot be used in an arena")
-    counts = []
-    for kind in _DROPPED:
-        elements = list(getattr(spec, kind))
-        if elements:
-            counts.append(f"{len(elements)} {kind}")
-        for element in elements:
-            spec.delete(element)
-    for numeric in list(spec.numerics):
-        if numeric.name != "bounds":
-            spec.delete(numeric)
-    if counts:
-        said.append(f"left out, because an arena only stands and lies: {', '.join(counts)}")
+def _check_elements(spec: mujoco.MjSpec) -> None:
+    """Raise InputError for what `scan` should have refused or left out, should it miss a way in."""
+    kinds = ("flexes", "skins", "plugins", "sensors", "actuators", "tendons", "equalities")
+    for kind in (*kinds, "excludes", "pairs", "keys"):
+        if len(getattr(spec, kind)):
+            raise InputError(f"{kind} cannot be used in an arena")
 
 
 def listed(names: list[str]) -> str:

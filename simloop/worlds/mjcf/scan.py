@@ -17,7 +17,10 @@ from xml.parsers import expat
 from simloop.common.errors import InputError, printable
 from simloop.common.input_files import read_text
 from simloop.common.limits import (
+    HEIGHT_POINTS,
+    MJCF_BODIES,
     MJCF_ELEMENTS,
+    MJCF_GEOMS,
     MJCF_REACH_M,
     NESTING,
     TEXTURE_PIXELS,
@@ -42,8 +45,19 @@ _LENGTHS = frozenset(
     }
 )
 _TEXTS = frozenset({"name", "class", "childclass", "model", "file", "data"})
+_SHORT = 4  # characters; a shorter text holds no length beyond the largest
 _MOST_INCLUDES = 1000
 _MOST_PARAMETER = 64  # of a built-in mesh: MuJoCo makes its square or its power of four in faces
+_LEFT_OUT = {
+    "actuator": "actuators",
+    "contact": "contact pairs and exclusions",
+    "equality": "equalities",
+    "keyframe": "keyframes",
+    "sensor": "sensors",
+    "tendon": "tendons",
+}
+"""Sections that an arena may have, and that have no part in a run. They are never parsed."""
+_MOST = {"geom": MJCF_GEOMS, "body": MJCF_BODIES}
 _REFUSED = {
     "attach": "write <include> instead",
     "composite": "write its bodies out",
@@ -63,10 +77,12 @@ class Source:
     Attributes:
         text: the arena's own file; its includes have the names that are keys of ``included``.
         included: the texts of the included files.
+        left_out: what was taken out of both, in words.
     """
 
     text: str
     included: dict[str, bytes]
+    left_out: tuple[str, ...]
 
 
 @dataclass(slots=True)
@@ -76,8 +92,11 @@ class _Scan:
     main: Path
     seen: set[str] = field(default_factory=set)
     included: dict[str, bytes] = field(default_factory=dict)
+    left_out: dict[str, None] = field(default_factory=dict)
+    counts: dict[str, int] = field(default_factory=dict)
     elements: int = 0
     pixels: int = 0
+    points: int = 0
 
 
 def scan(path: Path) -> Source:
@@ -94,7 +113,8 @@ def scan(path: Path) -> Source:
             from an unnamed folder, or has an element or a number that an arena must not have.
     """
     state = _Scan(path)
-    return Source(_scan_file(state, path, 0, 1), state.included)
+    text = _scan_file(state, path, 0, 1)
+    return Source(text, state.included, tuple(state.left_out))
 
 
 def _scan_file(state: _Scan, path: Path, depth: int, copies: int) -> str:
@@ -116,24 +136,23 @@ class _Reader:
     def __init__(self, state: _Scan, path: Path, depth: int, copies: int) -> None:
         self._state, self._path, self._depth = state, path, depth
         self._copies = [copies]  # of what is inside each open element
-        self._renamed: list[tuple[int, str]] = []  # places of includes in the text, in bytes
+        self._edits: list[tuple[int, int, bytes]] = []  # start and end in the text, what to write
+        self._out: tuple[int, int] | None = None  # depth and start of a section that is left out
+        self._data = b""
         self._parser = parser = expat.ParserCreate()
         parser.StartElementHandler, parser.EndElementHandler = self._start, self._end
         parser.StartDoctypeDeclHandler = self._refuse_doctype
 
     def read(self, text: str) -> str:
-        data = text.encode()
+        # The declaration's encoding is not used: the file has been read as UTF-8.
+        self._data = data = re.sub(rb"^\s*<\?xml.*?\?>", _blank, text.encode(), count=1)
         try:
-            # The declaration's encoding is not used: the file has been read as UTF-8.
-            self._parser.Parse(re.sub(rb"^\s*<\?xml.*?\?>", _blank, data, count=1), True)
+            self._parser.Parse(data, True)
         except expat.ExpatError as error:
             raise InputError(f"{self._path.name}: not XML: {error}") from None
-        for at, name in reversed(self._renamed):
-            end = data.index(b">", at)
-            slash = b"/" if data[end - 1 : end] == b"/" else b""
-            lines = b"\n" * data.count(b"\n", at, end)
-            tag = b'<include file="' + name.encode() + b'"' + lines + slash
-            data = data[:at] + tag + data[end:]
+        for start, end, new in reversed(self._edits):
+            lines = data.count(b"\n", start, end) - new.count(b"\n")
+            data = data[:start] + new + b"\n" * lines + data[end:]
         return data.decode()
 
     def _refuse_doctype(self, *_: object) -> None:
@@ -146,23 +165,40 @@ class _Reader:
         state, copies = self._state, self._copies[-1]
         depth = self._depth + len(self._copies)
         check_limit(depth, NESTING, f"{self._where()}: depth of nested elements")
+        state.elements += 1
+        check_limit(state.elements, MJCF_ELEMENTS, f"{self._where()}: elements")
+        if self._out is None and tag in _LEFT_OUT and len(self._copies) == 2:
+            self._out = len(self._copies), self._parser.CurrentByteIndex
+            state.left_out[_LEFT_OUT[tag]] = None
+        if self._out is None:
+            copies = self._check(tag, attributes, depth, copies)
+        self._copies.append(copies)
+
+    def _check(self, tag: str, attributes: dict[str, str], depth: int, copies: int) -> int:
+        """Check one element; return how often what is in it is copied."""
+        state = self._state
         if tag in _REFUSED:
             raise InputError(
-                f"{self._where()}: <{printable(tag, 40)}> cannot be used in an arena: "
-                f"{_REFUSED[tag]}"
+                f"{self._where()}: <{tag}> cannot be used in an arena: {_REFUSED[tag]}"
             )
-        state.elements += copies
-        check_limit(state.elements, MJCF_ELEMENTS, f"{self._where()}: elements")
-        self._check_numbers(tag, attributes)
+        if tag in _MOST:
+            state.counts[tag] = state.counts.get(tag, 0) + copies
+            check_limit(state.counts[tag], _MOST[tag], f"{self._where()}: number of <{tag}>")
+        self._check_numbers(attributes, tag == "numeric")
+        self._check_sizes(tag, attributes)
         if tag == "include":
             self._include(attributes.get("file", ""), depth, copies)
         if tag == "replicate":
             copies *= max(1, int(_number(attributes.get("count", "1"))))
-            check_limit(copies, MJCF_ELEMENTS, f"{self._where()}: copies of an element")
-        self._copies.append(copies)
+            check_limit(copies, MJCF_BODIES, f"{self._where()}: copies of an element")
+        return copies
 
     def _end(self, _: str) -> None:
         self._copies.pop()
+        if self._out is not None and self._out[0] == len(self._copies):
+            end = self._data.index(b">", self._parser.CurrentByteIndex) + 1
+            self._edits.append((self._out[1], end, b""))
+            self._out = None
 
     def _include(self, name: str, depth: int, copies: int) -> None:
         state = self._state
@@ -172,32 +208,41 @@ class _Reader:
         key = f"included_{len(state.included)}.xml"
         state.included[key] = b""  # takes the name before the files that this one includes
         state.included[key] = _scan_file(state, path, depth, copies).encode()
-        self._renamed.append((self._parser.CurrentByteIndex, key))
+        start = self._parser.CurrentByteIndex
+        end = self._data.index(b">", start)
+        end -= self._data[end - 1 : end] == b"/"
+        self._edits.append((start, end, b'<include file="' + key.encode() + b'"'))
 
-    def _check_numbers(self, tag: str, attributes: dict[str, str]) -> None:
-        """Refuse what is not finite or too far away, and sizes that take much memory."""
+    def _check_numbers(self, attributes: dict[str, str], is_numeric: bool) -> None:
+        """Refuse numbers that are not finite, and lengths that are too far away."""
         for key, value in attributes.items():
-            if key in _TEXTS and not (tag == "numeric" and key == "data"):
+            lengths = key in _LENGTHS and not is_numeric and len(value) > _SHORT
+            if key in _TEXTS and not is_numeric:
                 continue
-            if not _NOT_FINITE.search(value) and (key not in _LENGTHS or len(value) < 5):
+            if not lengths and not _NOT_FINITE.search(value):
                 continue
             for word in value.split():
                 if _NOT_FINITE.fullmatch(word):
                     raise InputError(f"{self._where()}: {key}: {word} is not a number to use")
-                if key in _LENGTHS and tag != "numeric":
+                if lengths:
                     far = f"{self._where()}: {key}"
                     check_limit(abs(_number(word)), MJCF_REACH_M, far, "m")
+
+    def _check_sizes(self, tag: str, attributes: dict[str, str]) -> None:
+        """Refuse what takes much memory, and is written in few characters."""
+        state, where = self._state, self._where()
         if tag == "texture":
             width, height = (_number(attributes.get(key, "0")) for key in ("width", "height"))
             flat = attributes.get("type") == "2d"
-            self._state.pixels += int(abs(width * height) if flat else 6.0 * width * width)
-            check_limit(self._state.pixels, TEXTURE_PIXELS, f"{self._where()}: pixels of textures")
+            state.pixels += int(abs(width * height) if flat else 6.0 * width * width)
+            check_limit(state.pixels, TEXTURE_PIXELS, f"{where}: pixels of textures")
         if tag == "hfield":
-            cells = _number(attributes.get("nrow", "0")) * _number(attributes.get("ncol", "0"))
-            check_limit(cells, TEXTURE_PIXELS, f"{self._where()}: points of a height field")
+            rows, columns = (_number(attributes.get(key, "0")) for key in ("nrow", "ncol"))
+            state.points += int(abs(rows * columns))
+            check_limit(state.points, HEIGHT_POINTS, f"{where}: points of height fields")
         if tag == "mesh" and "builtin" in attributes:
             for word in attributes.get("params", "").split():
-                check_limit(abs(_number(word)), _MOST_PARAMETER, f"{self._where()}: params")
+                check_limit(abs(_number(word)), _MOST_PARAMETER, f"{where}: params")
 
 
 def _blank(found: re.Match[bytes]) -> bytes:
@@ -211,4 +256,4 @@ def _number(word: str) -> float:
         number = float(word)
     except ValueError:
         return 0.0
-    return min(number, 1e300) if math.isfinite(number) else 1e300
+    return max(-1e150, min(number, 1e150)) if math.isfinite(number) else 1e150

@@ -25,6 +25,7 @@ BELLY_M = 0.02
 """Height of the hull's lower edge. Lower ground touches only the wheels."""
 _NAMED_FLAT_M, _FLAT_M = 0.01, 0.001
 _LEVEL = 1.0 - 1e-6
+_FINEST_CELL_M = 0.005
 _STANDING_NAMES = ("wall", "obstacle", "ground_", "loose_")
 _VEHICLE = 3  # conaffinity of the wheels; that of the hull is 1, and both have contype 0
 _UNSEEN = 2  # the geom group of decoration
@@ -135,6 +136,7 @@ class Stands:
                 f"geom {name} is of type sdf, whose outline cannot be told: use a mesh"
             )
         if self._static[number] and geom.name.startswith("ground_"):
+            self._check_cells(number, name)
             return GROUND_BITS if self._top(number) > BELLY_M else FLOOR_BITS
         if geom.type == mujoco.mjtGeom.mjGEOM_HFIELD:
             raise InputError(
@@ -143,6 +145,19 @@ class Stands:
         if not self._static[number]:
             return LOOSE_BITS
         return OBSTACLE_BITS
+
+    def _check_cells(self, number: int, name: str) -> None:
+        """Raise InputError for a height field so fine that contacts with it take very long."""
+        if int(self._model.geom_type[number]) != int(mujoco.mjtGeom.mjGEOM_HFIELD):
+            return
+        field = self._model.geom_dataid[number]
+        points = np.array([self._model.hfield_ncol[field], self._model.hfield_nrow[field]])
+        cell = 2.0 * self._model.hfield_size[field, :2] / np.maximum(points - 1, 1)
+        if cell.min() < _FINEST_CELL_M:
+            raise InputError(
+                f"geom {name} is a height field with cells of {cell.min():.2g} m: the least is "
+                f"{_FINEST_CELL_M:g} m"
+            )
 
     def _top(self, number: int) -> float:
         """Compute an upper limit of a geom's height, m."""
