@@ -1,9 +1,9 @@
 """Arenas: load an MJCF world, and add the vehicle and the content of a layout.
 
-An arena file is a world without a vehicle. Its floor is a geom named ``floor``, its walls are named
-``wall_*``, its obstacles ``obstacle_*``. All are in geom group 0, which the LiDAR sees. The
-vehicle's visual geoms are in group 2 and its collision geoms in group 3. The numeric ``bounds``
-gives the free space.
+An arena file is a world without a vehicle. In those of the package, the floor is a geom named
+``floor``, walls are named ``wall_*`` and obstacles ``obstacle_*``. All are in geom group 0, which
+the LiDAR sees. The vehicle's visual geoms are in group 2 and its collision geoms in group 3. The
+numeric ``bounds`` gives the free space. `simloop.worlds.mjcf` reads the file.
 """
 
 from __future__ import annotations
