@@ -175,7 +175,7 @@ class Plant:
         self._block[:] = state_block(len(self._wheel_geoms))
         self._qpos[2] = _DROP_M + self._under(pose)
         self._stand(pose)
-        mujoco.mj_forward(self.model, self.data)
+        self._refresh()
         self._advance(round(settle_s / self.model.opt.timestep))
         # Work and contacts of the settling time do not count.
         self._state.work[:] = 0.0
@@ -246,7 +246,7 @@ class Plant:
         """
         self._stand(pose)
         self._qvel[:] = 0.0
-        mujoco.mj_forward(self.model, self.data)
+        self._refresh()
 
     def truth(self, imu_before: FloatArray) -> Truth:
         """Read the truth of this instant.
@@ -361,6 +361,12 @@ class Plant:
                 advance_plainly(steps, self.model, self.data, *tracks)
             else:
                 advance(steps, self._engine, self.data.mocap_pos, *tracks)
+        self._unstable = self._unstable or instability(self.data, self._qvel, heard)
+
+    def _refresh(self) -> None:
+        """Compute all that follows from positions and velocities."""
+        with warnings_heard() as heard:
+            mujoco.mj_forward(self.model, self.data)
         self._unstable = self._unstable or instability(self.data, self._qvel, heard)
 
     def _stand(self, pose: FloatArray) -> None:

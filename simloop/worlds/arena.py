@@ -32,6 +32,8 @@ from simloop.worlds.obstacles import Obstacle
 from simloop.worlds.terrain import Loose, Terrain
 
 _OVERLAP_M = 0.001  # penetration above which two geoms overlap
+_FEW_JOINTS = 8  # the vehicle's three, and some loose bodies
+_HEAP_BYTES = 2**29
 _RIM_M = 0.2  # width of the floor beyond the bounds, on which walls stand
 
 
@@ -168,6 +170,9 @@ def compile_spec(
     if payload is not None:
         add_payload(world, payload)
     _set_options(world, timestep_s)
+    if len(world.joints) > _FEW_JOINTS:
+        # A heap has thousands of contacts. Without memory for them, MuJoCo ends the process.
+        world.memory = _HEAP_BYTES
     try:
         # The arena's own warnings have been said when it was read. These are about the joining.
         with warnings_heard(), warnings.catch_warnings():
@@ -271,14 +276,22 @@ def overlaps(model: mujoco.MjModel, start: Sequence[float] | FloatArray) -> list
 
     Returns:
         The names of both geoms of each pair; "the robot" for the vehicle's geoms.
+
+    Raises:
+        InputError: so many bodies overlap that MuJoCo has no memory for their contacts.
     """
     data = mujoco.MjData(model)
     base = model.body("base_link")
     at = int(model.jnt_qposadr[base.jntadr[0]])
     data.qpos[at : at + 2] = start[:2]
     data.qpos[at + 3 : at + 7] = math.cos(0.5 * start[2]), 0.0, 0.0, math.sin(0.5 * start[2])
-    with warnings_heard():
-        mujoco.mj_forward(model, data)
+    try:
+        with warnings_heard() as heard:
+            mujoco.mj_forward(model, data)
+    except mujoco.FatalError as error:
+        heard = [str(error)]
+    if heard:
+        raise InputError(f"the physics breaks down at the start: {heard[0]}")
     pairs = []
     for contact in data.contact[: data.ncon]:
         bodies = model.body_rootid[model.geom_bodyid[contact.geom]]
