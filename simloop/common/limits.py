@@ -53,6 +53,9 @@ LOOSE_BODIES = 100
 TEXTURE_PIXELS = 2**25
 """Pixels of all textures of an MJCF arena together."""
 
+ATTRIBUTE_CHARACTERS = 2**22
+"""Length of an attribute of an MJCF arena, e.g. of a mesh's vertices."""
+
 HEIGHT_POINTS = 2**21
 """Points of the height fields of an MJCF arena."""
 

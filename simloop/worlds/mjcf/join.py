@@ -11,6 +11,7 @@ import mujoco
 
 from simloop.common.data_files import models_dir
 from simloop.physics.engine import warnings_heard
+from simloop.worlds.mjcf.reader import fields_of
 
 PREFIX = "arena/"
 """Start of the names of the arena's materials, meshes and default classes in the joined world."""
@@ -35,7 +36,7 @@ def join(arena: mujoco.MjSpec) -> mujoco.MjSpec:
         The world, not compiled. It has all materials that drawn obstacles use.
     """
     world, vehicle = _look(), _vehicle()
-    for key in _fields(world.option):
+    for key in fields_of(world.option):
         value = getattr(vehicle.option, key)
         setattr(world.option, key, value)
         setattr(arena.option, key, value)  # equal, so that MuJoCo reports no conflict
@@ -52,10 +53,6 @@ def join(arena: mujoco.MjSpec) -> mujoco.MjSpec:
 
 
 _KINDS = ("bodies", "geoms", "cameras", "numerics")
-
-
-def _fields(section: Any) -> list[str]:
-    return [name for name in dir(section) if not name.startswith("_")]
 
 
 def _vehicle() -> mujoco.MjSpec:
@@ -86,7 +83,7 @@ def _copy_look(arena: mujoco.MjSpec, world: mujoco.MjSpec) -> None:
     """Take light, colours and the camera's default view from the arena."""
     for part in ("headlight", "map", "rgba", "scale"):
         theirs, ours = getattr(arena.visual, part), getattr(world.visual, part)
-        for key in _fields(theirs):
+        for key in fields_of(theirs):
             setattr(ours, key, getattr(theirs, key))
     world.stat.center, world.stat.extent = arena.stat.center, arena.stat.extent
     arena.visual.quality = world.visual.quality

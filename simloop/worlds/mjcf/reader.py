@@ -84,7 +84,7 @@ def _warnings_kept(said: list[str]) -> Iterator[None]:
 def _drop_rules(spec: mujoco.MjSpec) -> list[str]:
     """Set options, sizes and the compiler's rules of mass to MuJoCo's own, and name them."""
     plain, names = mujoco.MjSpec(), []
-    for key in _fields(spec.option):
+    for key in fields_of(spec.option):
         theirs, ours = getattr(spec.option, key), getattr(plain.option, key)
         if not np.array_equal(theirs, ours, equal_nan=True):
             names += _flags(key, int(theirs)) if key.endswith("ableflags") else [f"option {key}"]
@@ -109,7 +109,15 @@ def _drop_rules(spec: mujoco.MjSpec) -> list[str]:
     return [f"not used, because the vehicle's own are: {', '.join(names)}"]
 
 
-def _fields(section: Any) -> list[str]:
+def fields_of(section: Any) -> list[str]:
+    """List the attributes of a part of a specification, e.g. its options.
+
+    Args:
+        section: the part.
+
+    Returns:
+        Their names.
+    """
     return [name for name in dir(section) if not name.startswith("_")]
 
 

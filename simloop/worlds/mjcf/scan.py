@@ -17,6 +17,7 @@ from xml.parsers import expat
 from simloop.common.errors import InputError, printable
 from simloop.common.input_files import read_text
 from simloop.common.limits import (
+    ATTRIBUTE_CHARACTERS,
     HEIGHT_POINTS,
     MJCF_BODIES,
     MJCF_ELEMENTS,
@@ -216,6 +217,8 @@ class _Reader:
     def _check_numbers(self, attributes: dict[str, str], is_numeric: bool) -> None:
         """Refuse numbers that are not finite, and lengths that are too far away."""
         for key, value in attributes.items():
+            where = f"{self._where()}: {key}"
+            check_limit(len(value), ATTRIBUTE_CHARACTERS, f"{where}: characters")
             lengths = key in _LENGTHS and not is_numeric and len(value) > _SHORT
             if key in _TEXTS and not is_numeric:
                 continue
@@ -223,10 +226,9 @@ class _Reader:
                 continue
             for word in value.split():
                 if _NOT_FINITE.fullmatch(word):
-                    raise InputError(f"{self._where()}: {key}: {word} is not a number to use")
+                    raise InputError(f"{where}: {word} is not a number to use")
                 if lengths:
-                    far = f"{self._where()}: {key}"
-                    check_limit(abs(_number(word)), MJCF_REACH_M, far, "m")
+                    check_limit(abs(_number(word)), MJCF_REACH_M, where, "m")
 
     def _check_sizes(self, tag: str, attributes: dict[str, str]) -> None:
         """Refuse what takes much memory, and is written in few characters."""

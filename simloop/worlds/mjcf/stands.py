@@ -87,6 +87,8 @@ class Stands:
                 geom.group = _UNSEEN
                 self._note("decoration, neither seen nor touched (contype and conaffinity 0)", geom)
             return
+        if is_floor and geom.group not in SEEN_GROUPS:
+            geom.group = SEEN_GROUPS[0]
         if geom.group not in SEEN_GROUPS:
             raise InputError(
                 f"geom {_name(geom)} is in group {geom.group}, which the LiDAR does not see: use 0"
