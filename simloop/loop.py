@@ -42,10 +42,12 @@ class RunResult:
     Attributes:
         outcome: The referee's decision.
         metrics: The metrics of the run, as ``simloop run --json`` writes them.
+        unstable: Why the physics broke down, if it did.
     """
 
     outcome: Outcome
     metrics: dict[str, Any]
+    unstable: str = ""
 
     @property
     def reached(self) -> bool:
@@ -127,13 +129,17 @@ class Simulation:
             while outcome is None:
                 self._environment.step(self.plant, truth)
                 before, truth = truth, self._step(voltage)
+                if truth.unstable:  # no sensor could measure such a state
+                    outcome = Outcome.UNSTABLE
+                    break
                 readings = self._sensors.read(before, truth)
                 command = self.robot.step(readings)
                 voltage = command.voltage_v
                 self._publish(self._messages(truth, readings, command))
                 outcome = self._referee.judge(truth, self.robot.status, self._goal.position_m)
                 outcome = outcome or self._interruption(truth, progress)
-        return self._result(outcome, time.perf_counter() - began)
+        assert outcome is not None
+        return self._result(outcome, time.perf_counter() - began, truth.unstable)
 
     def _messages(self, truth: Truth, readings: Readings, command: TrackCommand) -> list[Published]:
         """Collect the messages of one control period in the order in which listeners get them."""
@@ -158,7 +164,7 @@ class Simulation:
         to_go_m = distance_to_go_m(truth, self._goal.position_m)
         return None if progress(truth.t_ns * 1e-9, to_go_m) else Outcome.INTERRUPTED
 
-    def _result(self, outcome: Outcome, wall_time_s: float) -> RunResult:
+    def _result(self, outcome: Outcome, wall_time_s: float, unstable: str) -> RunResult:
         metrics = self.metrics.result(
             outcome=outcome,
             wall_time_s=wall_time_s,
@@ -166,7 +172,7 @@ class Simulation:
             plan_ms=self.profiler.stage("planner").milliseconds,
             goal=self._goal.position_m,
         )
-        return RunResult(outcome, metrics)
+        return RunResult(outcome, metrics, unstable)
 
 
 @contextmanager

@@ -29,6 +29,7 @@ class Truth(BaseMessage):
         in_contact: whether the vehicle touches an obstacle now.
         hit_count: contacts that began while the vehicle stood with its motors off. They are not
             in ``contact_count``.
+        unstable: why the physics cannot be believed any more; empty while it can.
     """
 
     t_ns: int
@@ -45,6 +46,7 @@ class Truth(BaseMessage):
     contact_count: int
     in_contact: bool
     hit_count: int = 0
+    unstable: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -270,7 +270,11 @@ def _drive(simulation: Simulation, notes: Console, stop: Callable[[], bool]) -> 
             show(sim_time_s, to_go_m)
             return not stop()
 
-        return simulation.run(progress)
+        result = simulation.run(progress)
+    if result.unstable:
+        text = f"unstable at {simulation.plant.t_ns * 1e-9:.2f} s: {result.unstable}"
+        notes.print(text, markup=False, highlight=False, soft_wrap=True)
+    return result
 
 
 def _build(scenario: Scenario, notes: Console) -> World:

@@ -43,6 +43,32 @@ NAME_CHARACTERS = 200
 
 JOURNAL_BYTES = 4 * 2**30
 """Size of a campaign's journal: a million runs without driven paths have some 2 GiB."""
+MJCF_ELEMENTS = 100_000
+"""Elements of an MJCF arena."""
+
+MJCF_GEOMS = 10_000
+"""Geoms of an MJCF arena. MuJoCo's time to read them grows with the square of their number."""
+
+MJCF_BODIES = 4_000
+"""Bodies of an MJCF arena, and copies that a ``<replicate>`` makes."""
+
+MJCF_REACH_M = 100_000.0
+"""Largest coordinate or size in an MJCF arena, m. In single precision it is exact to 8 mm."""
+
+LOOSE_BODIES = 100
+"""Bodies of a world that can be pushed. MuJoCo's matrices have the square of their number."""
+
+TEXTURE_PIXELS = 2**25
+"""Pixels of all textures of an MJCF arena together."""
+
+ATTRIBUTE_CHARACTERS = 2**22
+"""Length of an attribute of an MJCF arena, e.g. of a mesh's vertices."""
+
+HEIGHT_POINTS = 2**21
+"""Points of the height fields of an MJCF arena."""
+
+MESH_BYTES = 32 * 2**20
+"""Size of a mesh, texture or height field of an MJCF arena, as a file."""
 
 
 def check_limit(value: float, most: float, what: str, unit: str = "") -> None:

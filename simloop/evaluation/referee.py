@@ -29,6 +29,8 @@ class Outcome(StrEnum):
     """The robot reports arrival and stands, but outside the goal's tolerance."""
     TIMEOUT = "timeout"
     """The time limit of the scenario passed."""
+    UNSTABLE = "unstable"
+    """The physics engine failed, so nothing that followed can be judged."""
     INTERRUPTED = "interrupted"
     """The caller stopped the run."""
 
@@ -51,6 +53,7 @@ _DESCRIPTIONS = {
     Outcome.LOST: "lost: the robot stopped because it does not know where it is",
     Outcome.MISSED: "missed: the robot stopped outside the goal's tolerance",
     Outcome.TIMEOUT: "out of time",
+    Outcome.UNSTABLE: "physics unstable: the run proves nothing about the robot",
     Outcome.INTERRUPTED: "interrupted",
 }
 _REPORTED_FAILURES = {
@@ -78,8 +81,9 @@ class Referee:
     def judge(self, truth: Truth, status: RobotStatus, goal_m: FloatArray) -> Outcome | None:
         """Decide whether the run ends in this control period.
 
-        A collision has priority over the robot's report, and the report over the time limit. A
-        robot that reports arrival while it still moves is not judged yet.
+        Unstable physics has priority over a collision, a collision over the robot's report, and
+        the report over the time limit. A robot that reports arrival while it still moves is not
+        judged yet.
 
         Args:
             truth: Ground truth at the end of the period.
@@ -89,6 +93,8 @@ class Referee:
         Returns:
             The outcome, or None while the run goes on.
         """
+        if truth.unstable:
+            return Outcome.UNSTABLE
         if truth.contact_count:
             return Outcome.COLLISION
         if status is RobotStatus.ARRIVED:

@@ -13,6 +13,8 @@ memory for its solver) into an exception, while here it ends the process.
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -74,6 +76,22 @@ class Engine(NamedTuple):
     frame: int
     geom: int
     row: int
+
+
+@contextmanager
+def warnings_heard() -> Iterator[list[str]]:
+    """Collect MuJoCo's warnings instead of having them printed and written to a file.
+
+    Yields:
+        The texts, in order, as they come.
+    """
+    heard: list[str] = []
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(heard.append)
+    try:
+        yield heard
+    finally:
+        mujoco.set_mju_user_warning(before)
 
 
 @cache

@@ -14,8 +14,8 @@ import numpy as np
 from simloop.config import Config
 from simloop.messages import FloatArray
 from simloop.physics.arena_rays import ArenaRays
-from simloop.physics.engine import find_engine
-from simloop.physics.plant_setup import body_arrays, own_copy, track_constants
+from simloop.physics.engine import find_engine, warnings_heard
+from simloop.physics.plant_setup import body_arrays, instability, own_copy, track_constants
 from simloop.physics.substeps import CONTACTS, HITS, TOUCHING, advance, advance_plainly
 from simloop.physics.track_kernel import settle_account
 from simloop.physics.track_model import (
@@ -100,6 +100,7 @@ class Plant:
         self._zones = self._ground
         self._voltage, self._braked = np.zeros(2), False
         self._counts = np.zeros(3, np.int64)  # see `advance`
+        self._unstable = ""
         self._way = _NO_WAY  # displacement of the movers in one physics step, m
         others = [i for i in range(1, model.nbody) if i != self._body.base]
         self._loose = [i for i in others if is_free(model, i) or model.body_mocapid[i] >= 0]
@@ -169,11 +170,12 @@ class Plant:
         self.model.dof_frictionloss[:] = self._joint_friction
         self._zones, self._way = self._ground, _NO_WAY
         self._voltage[:] = 0.0
+        self._unstable = ""
         self._braked = braked
         self._block[:] = state_block(len(self._wheel_geoms))
         self._qpos[2] = _DROP_M + self._under(pose)
         self._stand(pose)
-        mujoco.mj_forward(self.model, self.data)
+        self._refresh()
         self._advance(round(settle_s / self.model.opt.timestep))
         # Work and contacts of the settling time do not count.
         self._state.work[:] = 0.0
@@ -244,7 +246,7 @@ class Plant:
         """
         self._stand(pose)
         self._qvel[:] = 0.0
-        mujoco.mj_forward(self.model, self.data)
+        self._refresh()
 
     def truth(self, imu_before: FloatArray) -> Truth:
         """Read the truth of this instant.
@@ -285,6 +287,7 @@ class Plant:
             contact_count=int(self._counts[CONTACTS]),
             in_contact=bool(self._counts[TOUCHING]),
             hit_count=int(self._counts[HITS]),
+            unstable=self._unstable,
         )
 
     def track_truth(self) -> TrackTruth:
@@ -353,10 +356,18 @@ class Plant:
             self._parameters,
             self._counts,
         )
-        if self._engine is None:
-            advance_plainly(steps, self.model, self.data, *tracks)
-        else:
-            advance(steps, self._engine, self.data.mocap_pos, *tracks)
+        with warnings_heard() as heard:
+            if self._engine is None:
+                advance_plainly(steps, self.model, self.data, *tracks)
+            else:
+                advance(steps, self._engine, self.data.mocap_pos, *tracks)
+        self._unstable = self._unstable or instability(self.data, self._qvel, heard)
+
+    def _refresh(self) -> None:
+        """Compute all that follows from positions and velocities."""
+        with warnings_heard() as heard:
+            mujoco.mj_forward(self.model, self.data)
+        self._unstable = self._unstable or instability(self.data, self._qvel, heard)
 
     def _stand(self, pose: FloatArray) -> None:
         """Set position and heading to a pose (3,) on level ground. The height does not change."""

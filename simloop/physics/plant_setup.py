@@ -1,16 +1,22 @@
-"""Prepare what a plant needs from its model and configuration before the first step."""
+"""Prepare what a plant needs from its model and configuration, and check its state."""
 
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 
 import mujoco
+import numpy as np
 
+from simloop.common.errors import printable
 from simloop.config import Config
+from simloop.messages import FloatArray
 from simloop.physics.track_model import BodyArrays, TrackParameters, track_parameters
 from simloop.physics.vehicle_geoms import road_wheels, sprocket_radius
 
 _GRAVITY_MPS2 = 9.81
+_FASTEST = 100.0  # m/s or rad/s; a vehicle that is faster has been thrown out of something
+_FASTEST_LOOSE = 1000.0
 
 
 def own_copy(model: mujoco.MjModel, config: Config) -> mujoco.MjModel:
@@ -82,3 +88,26 @@ def body_arrays(model: mujoco.MjModel, data: mujoco.MjData, dof: int) -> BodyArr
         model.dof_frictionloss[dof:],
         base,
     )
+
+
+def instability(data: mujoco.MjData, vehicle: FloatArray, heard: Sequence[str]) -> str:
+    """Tell whether the physics has broken down since the state was reset.
+
+    MuJoCo warns, and then goes on: it resets a state with huge numbers, and leaves out contacts
+    for which it has no memory. Neither is a run of this robot in this world.
+
+    Args:
+        data: the state.
+        vehicle: (8,) the vehicle's velocities, m/s and rad/s.
+        heard: MuJoCo's warnings of the last steps.
+
+    Returns:
+        The reason in one line; empty if all is well.
+    """
+    if heard:
+        return f"MuJoCo warns: {printable(heard[0], 300)}"
+    if not np.abs(vehicle).max() < _FASTEST:
+        return f"the vehicle moves with more than {_FASTEST:g} m/s or rad/s"
+    if not np.abs(data.qvel).max() < _FASTEST_LOOSE:
+        return f"a loose body moves with more than {_FASTEST_LOOSE:g} m/s or rad/s"
+    return ""

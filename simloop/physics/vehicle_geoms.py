@@ -20,7 +20,7 @@ SEEN_GROUPS = (0, 1)
 def geom_kinds(model: mujoco.MjModel) -> np.ndarray:
     """Classify the geoms for the track kernels.
 
-    Ground is ``floor`` and all geoms named ``ground_*`` or ``loose_*`` (movable bodies). The
+    Ground is ``floor`` and all geoms named ``ground_*``, or ``loose_*`` if their body can move. The
     vehicle is the tree under base_link. Everything else is an obstacle.
 
     Args:
@@ -32,10 +32,11 @@ def geom_kinds(model: mujoco.MjModel) -> np.ndarray:
     root = model.body("base_link").id
     kinds = np.full(model.ngeom, OBSTACLE, np.int64)
     for geom in range(model.ngeom):
-        name = model.geom(geom).name
-        if model.body_rootid[model.geom_bodyid[geom]] == root:
+        name, body = model.geom(geom).name, model.geom_bodyid[geom]
+        moves = model.body_weldid[body] != 0
+        if model.body_rootid[body] == root:
             kinds[geom] = HULL
-        elif name == "floor" or name.startswith(("ground_", "loose_")):
+        elif name == "floor" or name.startswith("ground_") or (name.startswith("loose_") and moves):
             kinds[geom] = GROUND
     for number, geom in enumerate(road_wheels(model)):
         kinds[geom] = WHEEL + number

@@ -44,7 +44,11 @@ def build_world(scenario: Scenario) -> World:
         _check_bounds(scenario, where)
         raise InputError(f"{where}: {error}") from None
     check_ends(scenario, world.floor, world.body, where)
-    for first, second in overlaps(world.model, scenario.start):
+    try:
+        pairs = overlaps(world.model, scenario.start)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+    for first, second in pairs:
         raise InputError(f"{where}: {first} and {second} overlap at the start")
     return world
 

@@ -1,32 +1,39 @@
 """Arenas: load an MJCF world, and add the vehicle and the content of a layout.
 
-An arena file is a world without a vehicle. Its floor is a geom named ``floor``, its walls are named
-``wall_*``, its obstacles ``obstacle_*``. All are in geom group 0, which the LiDAR sees. The
-vehicle's visual geoms are in group 2 and its collision geoms in group 3. The numeric ``bounds``
-gives the free space.
+An arena file is a world without a vehicle. In those of the package, the floor is a geom named
+``floor``, walls are named ``wall_*`` and obstacles ``obstacle_*``. All are in geom group 0, which
+the LiDAR sees. The vehicle's visual geoms are in group 2 and its collision geoms in group 3. The
+numeric ``bounds`` gives the free space. `simloop.worlds.mjcf` reads the file.
 """
 
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from xml.sax.saxutils import quoteattr
 
 import mujoco
 import numpy as np
 
 from simloop.common.data_files import models_dir
+from simloop.common.errors import InputError, printable
+from simloop.common.limits import ARENA_SIDE_M, LOOSE_BODIES, check_limit
 from simloop.config import PayloadConfig
 from simloop.messages import FloatArray
-from simloop.physics.vehicle_geoms import SEEN_GROUPS
+from simloop.physics.engine import warnings_heard
 from simloop.worlds.layout import Layout
+from simloop.worlds.mjcf.join import join
+from simloop.worlds.mjcf.reader import read_spec
+from simloop.worlds.mjcf.stands import Stands
 from simloop.worlds.mjcf_ground import add_loose, add_movers, add_terrain
 from simloop.worlds.mjcf_obstacles import add_obstacles
 from simloop.worlds.obstacles import Obstacle
 from simloop.worlds.terrain import Loose, Terrain
 
 _OVERLAP_M = 0.001  # penetration above which two geoms overlap
+_FEW_JOINTS = 8  # the vehicle's three, and some loose bodies
+_HEAP_BYTES = 2**29
 _RIM_M = 0.2  # width of the floor beyond the bounds, on which walls stand
 
 
@@ -53,11 +60,15 @@ def arena_path(arena: str | Path) -> Path:
     """
     if str(arena).endswith(".xml"):
         path = Path(arena)
-        if not path.is_file():
-            raise ValueError(f"no arena file {path}")
+        try:
+            found = path.exists()
+        except (OSError, ValueError):  # e.g. a loop of links, or a name that is too long
+            found = False
+        if not found:
+            raise InputError(f"no arena file {path}")
         return path
     if str(arena) not in arena_names():
-        raise ValueError(f"unknown arena {str(arena)!r}; the arenas are {', '.join(arena_names())}")
+        raise InputError(f"unknown arena {str(arena)!r}; the arenas are {', '.join(arena_names())}")
     return models_dir() / "arenas" / f"{arena}.xml"
 
 
@@ -73,13 +84,32 @@ def assemble(layout: Layout, friction: float = 0.6) -> mujoco.MjSpec:
         The specification. The vehicle keeps the names of its own file and stands at the origin.
 
     Raises:
+        ValueError: as `assemble_with_notes`.
+    """
+    return assemble_with_notes(layout, friction)[0]
+
+
+def assemble_with_notes(
+    layout: Layout, friction: float = 0.6
+) -> tuple[mujoco.MjSpec, tuple[str, ...]]:
+    """Assemble a world, and tell what of the arena's file is not used or was decided.
+
+    Args:
+        layout: the description of the world.
+        friction: coefficient of friction of the tracks.
+
+    Returns:
+        The specification as from `assemble`, and lines for the user.
+
+    Raises:
         ValueError: the arena is unknown, MuJoCo does not accept its file, or it has geoms or
             joints that LiDAR, contacts and floor plan would treat differently.
     """
     path = arena_path(layout.arena)
+    check_limit(len(layout.loose), LOOSE_BODIES, "loose: bodies")
+    said: list[str] = []
     try:
-        world = _with_vehicle(path)
-        _check_arena(world)
+        world = join(_read(path, layout, said))
         if layout.bounds_m is not None:
             _resize(world, np.array(layout.bounds_m, np.float64))
         add_obstacles(world, layout.obstacles)
@@ -89,7 +119,36 @@ def assemble(layout: Layout, friction: float = 0.6) -> mujoco.MjSpec:
         add_movers(world, layout.movers)
     except (ValueError, mujoco.FatalError) as error:
         raise _named(path, error) from error
-    return world
+    world.modelname, world.modelfiledir = path.stem, str(path.resolve().parent)
+    return world, tuple(f"{path.name}: {printable(text, 400)}" for text in said)
+
+
+def _read(path: Path, layout: Layout, said: list[str]) -> mujoco.MjSpec:
+    """Read an arena's file and check it; the result has numeric bounds."""
+    arena, model, notes = read_spec(path)
+    said += notes
+    _check_joints(arena)
+    rectangle = Stands(arena, model).classify(path, said)
+    numeric = arena.numeric("bounds")
+    if layout.bounds_m is not None:
+        bounds = np.array(layout.bounds_m, np.float64)
+    elif numeric is not None:
+        bounds = np.array(list(numeric.data), np.float64)
+    elif rectangle is not None:
+        bounds = rectangle
+        x0, y0, x1, y1 = bounds
+        said.append(
+            f"no numeric 'bounds': the floor's x {x0:g} to {x1:g}, y {y0:g} to {y1:g} m are used"
+        )
+    else:
+        raise InputError(
+            "the arena has no numeric 'bounds' of four numbers, and its floor has no end: give "
+            "bounds_m in the scenario"
+        )
+    if numeric is not None:
+        arena.delete(numeric)
+    arena.add_numeric(name="bounds", data=list(_checked_bounds(bounds)), size=4)
+    return arena
 
 
 def compile_spec(
@@ -111,8 +170,14 @@ def compile_spec(
     if payload is not None:
         add_payload(world, payload)
     _set_options(world, timestep_s)
+    if len(world.joints) > _FEW_JOINTS:
+        # A heap has thousands of contacts. Without memory for them, MuJoCo ends the process.
+        world.memory = _HEAP_BYTES
     try:
-        return world.compile()
+        # The arena's own warnings have been said when it was read. These are about the joining.
+        with warnings_heard(), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return world.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise _named(Path(f"{world.modelname}.xml"), error) from error
 
@@ -184,14 +249,22 @@ def bounds_of_spec(world: mujoco.MjSpec) -> FloatArray:
 
 
 def _checked_bounds(numbers: FloatArray) -> FloatArray:
+    """Copy the bounds, and raise InputError for wrong ones."""
     if len(numbers) != 4:
-        raise ValueError("the arena has no numeric 'bounds' of four numbers")
+        raise InputError("the arena has no numeric 'bounds' of four numbers")
+    sides = numbers[2:] - numbers[:2]
+    if not np.all(sides > 0.0):
+        raise InputError(
+            "the arena's bounds must be x_min, y_min, x_max, y_max with a positive area"
+        )
+    check_limit(float(sides.max()), ARENA_SIDE_M, "the arena's bounds: length of a side", "m")
     return np.array(numbers, dtype=np.float64)
 
 
-def _named(path: Path, error: Exception) -> ValueError:
+def _named(path: Path, error: Exception) -> InputError:
     """Make an error in one line that begins with the arena's file."""
-    return ValueError(f"{path.name}: {' '.join(str(error).split())}")
+    text = str(error)
+    return InputError(text if text.startswith(f"{path.name}") else f"{path.name}: {text}")
 
 
 def overlaps(model: mujoco.MjModel, start: Sequence[float] | FloatArray) -> list[tuple[str, str]]:
@@ -203,13 +276,22 @@ def overlaps(model: mujoco.MjModel, start: Sequence[float] | FloatArray) -> list
 
     Returns:
         The names of both geoms of each pair; "the robot" for the vehicle's geoms.
+
+    Raises:
+        InputError: so many bodies overlap that MuJoCo has no memory for their contacts.
     """
     data = mujoco.MjData(model)
     base = model.body("base_link")
     at = int(model.jnt_qposadr[base.jntadr[0]])
     data.qpos[at : at + 2] = start[:2]
     data.qpos[at + 3 : at + 7] = math.cos(0.5 * start[2]), 0.0, 0.0, math.sin(0.5 * start[2])
-    mujoco.mj_forward(model, data)
+    try:
+        with warnings_heard() as heard:
+            mujoco.mj_forward(model, data)
+    except mujoco.FatalError as error:
+        heard = [str(error)]
+    if heard:
+        raise InputError(f"the physics breaks down at the start: {heard[0]}")
     pairs = []
     for contact in data.contact[: data.ncon]:
         bodies = model.body_rootid[model.geom_bodyid[contact.geom]]
@@ -220,24 +302,6 @@ def overlaps(model: mujoco.MjModel, start: Sequence[float] | FloatArray) -> list
             )
             pairs.append((first, second))
     return pairs
-
-
-def _with_vehicle(path: Path) -> mujoco.MjSpec:
-    """Load the arena and the vehicle in one world."""
-    # The files are included, because MuJoCo warns if a model is attached without a prefix.
-    models = models_dir()
-    files = (path.resolve(), models / "tracked_ugv.xml")
-    includes = "".join(f"<include file={quoteattr(str(file))}/>" for file in files)
-    assets = sorted((models / "assets").glob("*.obj"))
-    meshes = {f"assets/{file.name}": file.read_bytes() for file in assets}
-    world = mujoco.MjSpec.from_string(f"<mujoco>{includes}</mujoco>", assets=meshes)
-    world.modelname, world.modelfiledir = path.stem, str(path.resolve().parent)
-    # The vehicle's file has a plane and a light of its own, so that it can be opened alone.
-    world.delete(world.geom("ground"))
-    world.delete(world.light("ground_light"))
-    # The keyframe holds only the vehicle's joints, not those of loose bodies.
-    world.delete(world.key("home"))
-    return world
 
 
 def _resize(world: mujoco.MjSpec, bounds: FloatArray) -> None:
@@ -266,37 +330,20 @@ def add_payload(world: mujoco.MjSpec, payload: PayloadConfig) -> None:
         load.explicitinertial = True
 
 
-def _check_arena(world: mujoco.MjSpec) -> None:
-    """Raise ValueError for geoms that LiDAR, contacts and floor plan would treat differently."""
-    vehicle = world.body("base_link")
-    joints = {joint.name for joint in vehicle.find_all("joint")}
-    geoms = {geom.name for geom in vehicle.find_all("geom")}
-    for joint in world.joints:
-        if joint.name not in joints:
-            _check_loose(joint)
-    if any(body.mocap for body in world.bodies):
-        raise ValueError("an arena must not have mocap bodies: use [[movers]]")
-    if world.geom("floor") is None:
-        raise ValueError("the arena has no geom named 'floor'")
-    for geom in world.geoms:
-        solid = geom.contype or geom.conaffinity
-        if geom.name not in geoms and solid and geom.group not in SEEN_GROUPS:
-            name = geom.name or "without a name"
-            raise ValueError(
-                f"geom {name} is in group {geom.group}, which the LiDAR does not see: use 0"
+def _check_joints(arena: mujoco.MjSpec) -> None:
+    """Raise InputError for joints other than the free joints of bodies that are named as loose."""
+    for joint in arena.joints:
+        body = joint.parent
+        names = [body.name, *(geom.name for geom in body.geoms)]
+        free = joint.type == mujoco.mjtJoint.mjJNT_FREE
+        if not free or not all(name.startswith(("loose_", "obstacle_")) for name in names):
+            raise InputError(
+                "an arena must be static, but this one has a joint "
+                f"({printable(joint.name, 80) or 'no name'}): only bodies on free joints may move; "
+                "name them and their geoms loose_* or obstacle_*"
             )
-
-
-def _check_loose(joint: mujoco.MjsJoint) -> None:
-    """Raise ValueError for joints other than the free joints of bodies that are named as loose."""
-    body = joint.parent
-    names = [body.name, *(geom.name for geom in body.geoms)]
-    free = joint.type == mujoco.mjtJoint.mjJNT_FREE
-    if not free or not all(name.startswith(("loose_", "obstacle_")) for name in names):
-        raise ValueError(
-            f"an arena must be static, but this one has a joint ({joint.name or 'no name'}): "
-            "only bodies on free joints may move; name them and their geoms loose_* or obstacle_*"
-        )
+    if any(body.mocap for body in arena.bodies):
+        raise InputError("an arena must not have mocap bodies: use [[movers]]")
 
 
 def _set_options(world: mujoco.MjSpec, timestep_s: float) -> None:

@@ -16,12 +16,11 @@ from scipy.ndimage import gaussian_filter, zoom
 from simloop.common.grey_image import read_grey
 from simloop.messages import FloatArray
 from simloop.physics.track_theory import climbable_step, climbing_angle
+from simloop.worlds.mjcf.stands import BELLY_M, GROUND_BITS
 from simloop.worlds.movers.settings import Mover
 from simloop.worlds.terrain import HeightField, Loose, Ramp, Step, Terrain
 
-_HULL_AND_WHEELS = 3
-_BELLY_M = 0.02
-"""Height of the hull's lower edge. Lower ground touches only the wheels."""
+_HULL_AND_WHEELS = GROUND_BITS[0]
 _BASE_M = 0.1
 _MOVER_RGBA = (0.80, 0.32, 0.24, 1.0)
 
@@ -199,7 +198,7 @@ def _add_field(world: mujoco.MjSpec, field: HeightField) -> None:
         type=mujoco.mjtGeom.mjGEOM_HFIELD,
         hfieldname="ground_field",
         pos=[*middle, 0.0],
-        contype=_HULL_AND_WHEELS if highest > _BELLY_M else 2,
+        contype=_HULL_AND_WHEELS if highest > BELLY_M else 2,
         conaffinity=0,
         material="sage",
     )

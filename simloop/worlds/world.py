@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import mujoco
 
 from simloop.config import Config
-from simloop.worlds.arena import assemble, compile_spec
+from simloop.worlds.arena import assemble_with_notes, compile_spec
 from simloop.worlds.body import Body
 from simloop.worlds.cross_section import floor_plan
 from simloop.worlds.floor_plan import FloorPlan
@@ -48,7 +48,7 @@ def compile_world(layout: Layout, config: Config) -> World:
     Raises:
         ValueError: the world cannot be built.
     """
-    spec = assemble(layout, config.tracks.friction)
+    spec, notes = assemble_with_notes(layout, config.tracks.friction)
     body = body_of(spec)
     model = compile_spec(spec, config.rates.physics_s, config.payload)
-    return World(model, floor_plan(model), body, layout.movers, layout.notes)
+    return World(model, floor_plan(model), body, layout.movers, (*layout.notes, *notes))

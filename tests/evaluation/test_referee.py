@@ -70,6 +70,13 @@ def test_a_collision_comes_before_everything(status, pose):
     assert judge(status, pose, contacts=1, t_s=9.0) is Outcome.COLLISION
 
 
+@pytest.mark.parametrize("status", list(RobotStatus))
+def test_unstable_physics_comes_before_a_collision(status):
+    truth = replace(truth_at(1.0, NEAR), contact_count=1, unstable="MuJoCo warns")
+    assert Referee(0.1, 5.0, False).judge(truth, status, GOAL) is Outcome.UNSTABLE
+    assert not Outcome.UNSTABLE.success
+
+
 def test_the_time_limit_comes_after_the_robots_report():
     assert judge(DRIVING, t_s=4.99) is None
     assert judge(DRIVING, t_s=5.0) is Outcome.TIMEOUT
@@ -79,7 +86,7 @@ def test_the_time_limit_comes_after_the_robots_report():
 
 
 def test_outcomes_have_words_and_one_is_a_success():
-    words = "reached collision stuck unreachable lost missed timeout interrupted"
+    words = "reached collision stuck unreachable lost missed timeout unstable interrupted"
     assert sorted(Outcome) == sorted(words.split())
     assert [outcome for outcome in Outcome if outcome.success] == [Outcome.REACHED]
     assert len({outcome.description for outcome in Outcome}) == len(Outcome)

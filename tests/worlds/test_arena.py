@@ -257,7 +257,8 @@ def test_a_drawn_room_is_blocked_passable_and_leaves_room_to_turn(seed: int) -> 
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ('name="floor"', 'name="ground_1"', "no geom named 'floor'"),
+        ('pos="2 2 0"', 'pos="2 2 -0.5"', "no floor: .*floor: its upper face is at z = -0.5 m"),
+        ('name="floor"', 'name="floor" euler="0 0.1 0"', "no floor: .*floor: it is not level"),
         ("</worldbody>", '<body><freejoint/><geom size="1"/></body></worldbody>', "has a joint"),
         ("</worldbody>", '<geom name="x" size="1" group="3"/></worldbody>', "x is in group 3"),
     ],
@@ -326,9 +327,11 @@ def test_a_passage_is_as_wide_as_it_is() -> None:
     assert not is_blocked(plan, *ends)
 
 
-def test_bounds_must_be_given(tmp_path: Path) -> None:
+def test_bounds_are_given_or_those_of_the_floor(tmp_path: Path) -> None:
     file = tmp_path / "bare.xml"
-    file.write_text("<mujoco><worldbody><geom name='floor' type='plane' size='1 1 1'/>"
-                    "</worldbody></mujoco>")  # fmt: skip
-    with pytest.raises(ValueError, match="bounds"):
-        bounds_of(build(file))
+    bare = "<mujoco><worldbody><geom name='floor' type='plane' size='3 2 1' pos='1 0 0'/>"
+    file.write_text(f"{bare}</worldbody></mujoco>")
+    assert bounds_of(build(file)) == pytest.approx([-2.0, -2.0, 4.0, 2.0])
+    file.write_text(f"{bare.replace('3 2 1', '0 0 1')}</worldbody></mujoco>")
+    with pytest.raises(ValueError, match=r"no numeric 'bounds'.*its floor has no end"):
+        build(file)
