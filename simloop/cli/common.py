@@ -12,8 +12,17 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
-INTERRUPTED = 130
-"""The exit code of a command that was stopped by Ctrl-C or SIGTERM."""
+from simloop.cli.edge import INTERRUPTED
+
+__all__ = [
+    "INTERRUPTED",
+    "JsonFile",
+    "Overrides",
+    "check_json",
+    "compiling_shown",
+    "stop_asked",
+    "write_json",
+]
 
 Overrides = Annotated[
     list[str] | None,

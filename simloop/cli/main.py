@@ -1,13 +1,13 @@
 """The command line ``simloop`` and its commands run, list and certify.
 
-Exit codes: 0 goal reached (or all is well), 1 the robot failed, 2 wrong input, 130 stopped by
-Ctrl-C. Each command imports what it needs when it runs, so that ``simloop --help`` is quick.
+Exit codes: 0 goal reached (or all is well), 1 the robot failed, 2 wrong input, 70 a fault of the
+program, 130 stopped by Ctrl-C. Each command imports what it needs when it runs, so that
+``simloop --help`` is quick.
 """
 
 from __future__ import annotations
 
 import os
-import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -20,7 +20,6 @@ from simloop import __version__
 from simloop.cli.bench import bench_app
 from simloop.cli.campaign import campaign
 from simloop.cli.common import (
-    INTERRUPTED,
     JsonFile,
     Overrides,
     check_json,
@@ -28,6 +27,7 @@ from simloop.cli.common import (
     stop_asked,
     write_json,
 )
+from simloop.cli.edge import INTERRUPTED, run_at_edge
 from simloop.cli.replay import replay
 from simloop.common.errors import InputError
 
@@ -68,12 +68,10 @@ app.add_typer(bench_app, name="bench")
 app.command("replay")(replay)
 app.command("campaign")(campaign)
 
-_INPUT_WRONG = 2
-
 
 def main() -> None:
     """Run the command line. Wrong input ends it with one line on stderr and exit code 2."""
-    _run(app)
+    run_at_edge(app)
 
 
 def run_command(command: Callable[..., int]) -> None:
@@ -84,40 +82,15 @@ def run_command(command: Callable[..., int]) -> None:
     """
     alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
     alone.command()(command)
-    _run(alone)
-
-
-def _run(commands: typer.Typer) -> None:
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        code = commands(standalone_mode=False) or 0
-        if code == INTERRUPTED:  # typer caught Ctrl-C, or a command reports that it was stopped
-            raise KeyboardInterrupt
-        sys.exit(code)
-    except (KeyboardInterrupt, typer.Abort):
-        _fail("interrupted", INTERRUPTED)
-    except InputError as error:
-        _fail(f"error: {error}", _INPUT_WRONG)
-    except BrokenPipeError:
-        # The reader of our output is gone, e.g. `head`; Python must not report this at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(0)
-    except OSError as error:
-        where = f"{error.filename}: " if error.filename else ""
-        _fail(f"error: {where}{error.strerror or error}", _INPUT_WRONG)
-    except Exception as error:
-        # In some versions of typer, the errors of the option parser have no public base class.
-        describe = getattr(error, "format_message", None)
-        if describe is None:
-            raise
-        text = describe()
-        is_help = text.startswith("Usage:")
-        _fail(text if is_help else f"error: {' '.join(text.split())}", _INPUT_WRONG)
+    run_at_edge(alone)
 
 
 @app.callback(invoke_without_command=True)
 def _about(
     version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
+    debug: Annotated[
+        bool, typer.Option("--debug", help="Show the traceback of a fault of the program.")
+    ] = False,  # taken from the arguments by ``run_at_edge``; here for the help text only
 ) -> None:
     if version:
         print(f"simloop {__version__}")
@@ -293,11 +266,6 @@ def _print_result(console: Console, metrics: dict[str, Any], outputs: Outputs) -
         if path is not None and path.exists():
             text = f"  {name:13} {path}" + (f"   ({hint}{path})" if hint else "")
             console.print(text, markup=False, highlight=False, soft_wrap=True)
-
-
-def _fail(message: str, code: int) -> None:
-    print(message, file=sys.stderr)
-    sys.exit(code)
 
 
 if __name__ == "__main__":
