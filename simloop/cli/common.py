@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -99,8 +98,9 @@ def write_json(path: Path | None, figures: dict[str, Any]) -> None:
     Raises:
         InputError: If the file cannot be written.
     """
-    from simloop.common.files import write_text
+    from simloop.common.files import make_directory, write_text
+    from simloop.common.json_text import json_text
 
     if path is not None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_text(path, json.dumps(figures, indent=2) + "\n")
+        make_directory(path.parent)
+        write_text(path, json_text(figures))

@@ -21,8 +21,8 @@ from contextlib import contextmanager
 from typing import Any, TextIO
 
 from simloop import __version__
+from simloop.cli.kernel_cache import prepare_kernel_cache
 from simloop.common.errors import InputError, printable
-from simloop.common.kernel_cache import prepare_kernel_cache
 
 INPUT_WRONG = 2
 """The exit code for wrong input."""

@@ -8,6 +8,7 @@ program, 130 stopped by Ctrl-C. Each command imports what it needs when it runs,
 from __future__ import annotations
 
 import os
+import shlex
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -29,11 +30,13 @@ from simloop.cli.common import (
 )
 from simloop.cli.edge import INTERRUPTED, run_at_edge
 from simloop.cli.replay import replay
-from simloop.common.errors import InputError
+from simloop.common.errors import InputError, printable
 
 if TYPE_CHECKING:
+    from simloop.evaluation.referee import Outcome
     from simloop.loop import RunResult, Simulation
     from simloop.recording.outputs import Outputs
+    from simloop.recording.watch import Watch
     from simloop.scenario.build import World
     from simloop.scenario.scenario import Scenario
 
@@ -152,33 +155,18 @@ def run_scenario(
     """
     from simloop.cli.outputs import choose
     from simloop.evaluation.referee import Outcome
+    from simloop.scenario.inputs import input_files
     from simloop.scenario.load import load, resolve
 
     wanted = load(scenario, overrides or (), seed=seed, planner=planner)
     outputs = choose(out, record, snapshots, json_file)
-    outputs.check(resolve(scenario))
+    outputs.check(input_files(wanted, resolve(scenario)))
     world = _build(wanted)
     # Nothing is written before this line, and all input is checked before it.
-    console, notes = Console(quiet=quiet), Console(stderr=True, quiet=quiet)
-    with compiling_shown(notes) as report:
-        from simloop.evaluation.provenance import versions
-        from simloop.loop import Simulation, warm_up
-        from simloop.recording.watch import watch
-
-        warm_up(wanted, world, report)
-    outputs.prepare()
-    with stop_asked() as stop, watch(wanted, world, outputs) as watched:
-        outputs.write_config(wanted, versions())
-        simulation = Simulation(wanted, watched.listeners, world=world)
-        result = _drive(simulation, notes, stop)
-        try:
-            outputs.write_result(result.metrics | watched.plan_figures())
-            watched.finish()
-        finally:
-            _print_result(console, result.metrics, outputs)
-    if result.outcome is Outcome.INTERRUPTED:
+    outcome = _run_world(wanted, world, outputs, quiet)
+    if outcome is Outcome.INTERRUPTED:
         sys.exit(INTERRUPTED)  # without a message, because the table shows it
-    return 0 if result.reached else 1
+    return 0 if outcome.success else 1
 
 
 @app.command("certify")
@@ -223,6 +211,36 @@ def certify(
     return 0 if figures["ok"] else 1
 
 
+def _run_world(scenario: Scenario, world: World, outputs: Outputs, quiet: bool) -> Outcome:
+    """Run a scenario in its world, write the outputs and print the result."""
+    from simloop.common.files import folder_lock
+
+    console, notes = Console(quiet=quiet), Console(stderr=True, quiet=quiet)
+    with compiling_shown(notes) as report:
+        from simloop.evaluation.provenance import versions
+        from simloop.loop import Simulation, warm_up
+        from simloop.recording.watch import watch
+
+        warm_up(scenario, world, report)
+    outputs.prepare()
+    with (
+        folder_lock(outputs.folder, outputs.snapshots),
+        stop_asked() as stop,
+        watch(scenario, world, outputs) as watched,
+    ):
+        outputs.announce(scenario, versions())
+        simulation = Simulation(scenario, watched.listeners, world=world)
+        result = _drive(simulation, notes, stop)
+        try:
+            outputs.write_result(
+                result.metrics | _plan_figures(watched, notes, stop), scenario, versions()
+            )
+            watched.finish()
+        finally:
+            _print_result(console, result.metrics, outputs, watched.recording)
+    return result.outcome
+
+
 def _drive(simulation: Simulation, notes: Console, stop: Callable[[], bool]) -> RunResult:
     """Run with a progress bar until the end, or until ``stop`` returns True."""
     from simloop.common.terminal import progress_bar
@@ -251,20 +269,46 @@ def _build(scenario: Scenario) -> World:
     return build_world(scenario)
 
 
-def _print_result(console: Console, metrics: dict[str, Any], outputs: Outputs) -> None:
+def _plan_figures(watched: Watch, notes: Console, stop: Callable[[], bool]) -> dict[str, Any]:
+    """Compute the exact optima with a progress bar. Tell for how many plans there is none."""
+    from simloop.common.terminal import counting
+
+    plans, optima = watched.plan_count
+    done = 0
+
+    def count(so_far: int) -> None:
+        nonlocal done
+        done = so_far
+        show(so_far)
+
+    with counting(notes, "exact optima", optima) as show:
+        figures = watched.plan_figures(stop, count)
+    if done < plans:
+        why = "stopped" if done < optima else "the others would take too long"
+        notes.print(
+            f"{done} of {plans} plans are compared with the exact optimum: {why}", soft_wrap=True
+        )
+    return figures
+
+
+def _print_result(
+    console: Console, metrics: dict[str, Any], outputs: Outputs, recording: Path | None
+) -> None:
     """Print the table of figures and the written files."""
     from simloop.cli.tables import print_result
 
     print_result(console, metrics)
     places = (
-        ("recording", outputs.recording, "to open it: rerun "),
+        ("recording", recording, "to open it: rerun "),
         ("pictures", outputs.snapshots, ""),
         ("figures", outputs.result, ""),
         ("config", outputs.config, "to repeat the run: simloop run "),
     )
     for name, path, hint in places:
         if path is not None and path.exists():
-            text = f"  {name:13} {path}" + (f"   ({hint}{path})" if hint else "")
+            shown = printable(str(path))
+            quoted = shlex.quote(shown)
+            text = f"  {name:13} {shown}" + (f"   ({hint}{quoted})" if hint else "")
             console.print(text, markup=False, highlight=False, soft_wrap=True)
 
 

@@ -88,6 +88,8 @@ class FilePlan:
             InputError: An output cannot be written, or it is the same file as an input or as
                 another output, also by another name or link, or it lies below one of them.
         """
+        for folder, flag in self._folders:
+            check_directory(folder, flag)
         taken: dict[object, str] = {}
         for path, what in self._read:
             taken |= dict.fromkeys(_identities(path), what)
@@ -103,7 +105,6 @@ class FilePlan:
             taken |= dict.fromkeys(names, f"the output of {flag}")
             files[os.path.realpath(path)] = flag
         for folder, flag in self._folders:
-            check_directory(folder, flag)
             if os.path.realpath(folder) in files:
                 other = files[os.path.realpath(folder)]
                 raise InputError(f"{flag} {folder}: is the file of {other}, so it is no folder")
@@ -366,6 +367,9 @@ def folder_lock(*folders: Path | None) -> Iterator[None]:
 
     Args:
         folders: The folders, which exist; None is ignored.
+
+    Yields:
+        Nothing. The locks end with the context.
 
     Raises:
         InputError: If another process holds a lock on a folder.
