@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +9,7 @@ import typer
 from rich.console import Console
 
 from simloop.cli.common import INTERRUPTED, compiling_shown, stop_asked, write_json
+from simloop.common.json_text import json_text
 
 Log = Annotated[Path, typer.Argument(help="A CARMEN .log or .clf file, or an .npz file of scans.")]
 JsonOrStdout = Annotated[
@@ -58,7 +58,7 @@ def replay(
     from simloop.replay import outputs, session
 
     files = outputs.ReplayFiles(out, json_file)
-    files.check(log, relations, prior, prior and prior.with_suffix(".pgm"))
+    files.check(log, relations, prior)
     read, truth = session.load(log, relations)
     config = MappingConfig()
     known = load_map(prior, config.grid) if prior is not None else None
@@ -69,7 +69,7 @@ def replay(
         )
         outputs.write(replayed, files)
     if json_file == outputs.STDOUT:
-        print(json.dumps(replayed.figures, indent=2))
+        print(json_text(replayed.figures), end="")
     else:
         outputs.print_figures(Console(), replayed.figures)
         write_json(json_file, replayed.figures)

@@ -196,7 +196,7 @@ def _with_names(block: NDArray[np.void]) -> NDArray[np.void]:
     return block.view(np.dtype((_Row, block.dtype))) if numba_config.DISABLE_JIT else block
 
 
-class _Row(np.record):
+class _Row(np.record):  # type: ignore[misc]
     """A row whose fields come before numpy's own methods of the same name, such as ``mean``."""
 
     def __getattribute__(self, name: str) -> Any:
