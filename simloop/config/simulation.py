@@ -37,7 +37,7 @@ class RatesConfig:
 
     physics_s: Annotated[float, Field(ge=1e-6, le=0.01)] = 0.002
     control_s: Annotated[float, Field(ge=1e-6, le=0.1)] = 0.01
-    lidar_s: Period = 0.1
+    lidar_s: Annotated[Period, Field(le=10.0)] = 0.1
     plan_s: Period = 1.83
 
     @model_validator(mode="after")

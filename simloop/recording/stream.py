@@ -53,7 +53,10 @@ class RecordingFile:
         # Make the file here first, because the library's error for a bad path is not an OSError.
         special = path.exists() and not path.is_file()  # a device or a FIFO cannot be replaced
         try:
+            str(path).encode("utf-8")  # the library takes no other names
             self.path = path if special else temporary_name(path)
+        except UnicodeEncodeError:
+            raise OSError(f"cannot record to {path}: its name is not UTF-8") from None
         except InputError as error:
             raise OSError(str(error)) from None
         self._target = path

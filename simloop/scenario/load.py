@@ -195,6 +195,7 @@ def apply_override(table: dict[str, Any], text: str) -> None:
     parts = [part.strip() for part in key.split(".")]
     if len(parts) > NESTING:
         raise InputError(f"--set {text}: the key has more than {NESTING} parts")
+    check_values(dict.fromkeys(parts), f"--set {text}")
     if not equals or not all(parts):
         raise InputError(f"--set {text}: write it as key=value, e.g. --set goal=[3.0,2.5]")
     node: Any = table
