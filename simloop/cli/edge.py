@@ -34,6 +34,7 @@ INTERRUPTED = 130
 """The exit code of a command that was stopped by Ctrl-C or SIGTERM."""
 
 _DEBUG = "SIMLOOP_DEBUG"
+_ERRORS = "standard error"
 _REPORT_TO = "the issues of the project"
 
 
@@ -124,8 +125,16 @@ def _say(line: str, code: int) -> int:
 
 
 def _notes(error: BaseException) -> str:
-    """Format what was added to an error on its way, e.g. which file was kept."""
-    return "".join(f"; {note}" for note in getattr(error, "__notes__", ()))
+    """Format what was added to an error on its way, e.g. which file was kept.
+
+    The notes of the errors that led to it count, too.
+    """
+    notes: list[str] = []
+    chain: BaseException | None = error
+    while chain is not None and len(notes) < 10:
+        notes += (f"; {note}" for note in getattr(chain, "__notes__", ()))
+        chain = chain.__cause__ or chain.__context__
+    return "".join(dict.fromkeys(notes))
 
 
 def _report(error: Exception) -> str:
@@ -164,7 +173,7 @@ def _safe_streams() -> Iterator[None]:
     before = sys.stdout, sys.stderr
     ours = logging.getLogger("simloop")
     sys.stdout = _Patient(before[0], "standard output")
-    sys.stderr = errors = _Patient(before[1], "standard error")
+    sys.stderr = errors = _Patient(before[1], _ERRORS)
     log = logging.StreamHandler(errors)
     log.setFormatter(_OneLine())
     ours.addHandler(log)
@@ -224,6 +233,8 @@ class _Patient(io.TextIOBase):
             self._let_go()
         except OSError as error:  # e.g. a full disk
             self._let_go()
+            if self._name == _ERRORS:  # there is no place left to tell it
+                return
             raise InputError(f"{self._name}: cannot be written: {error.strerror}") from None
 
     def _let_go(self) -> None:

@@ -52,7 +52,7 @@ class ReplayFiles:
         plan = FilePlan()
         for path in read:
             if path is not None:
-                plan.reads_all(files_behind(path, "an input file"))
+                plan.reads_all(files_behind(path, f"an input file ({path})"))
         names = ("map.yaml", "map.pgm", "trajectory.tum", "replay.rrd")
         plan.writes_into(self.directory, "--out", names)
         plan.writes(None if self.figures == STDOUT else self.figures, "--json")

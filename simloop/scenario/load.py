@@ -197,7 +197,7 @@ def apply_override(table: dict[str, Any], text: str) -> None:
         raise InputError(f"--set {text}: the key has more than {NESTING} parts")
     check_values(dict.fromkeys(parts), f"--set {text}")
     if not equals or not all(parts):
-        raise InputError(f"--set {text}: write it as key=value, e.g. --set goal=[3.0,2.5]")
+        raise InputError(f"--set {text}: write it as key=value, e.g. --set 'goal=[3.0,2.5]'")
     node: Any = table
     for depth, part in enumerate(parts[:-1]):
         node = _descend(node, part, f"--set {text}: {'.'.join(parts[: depth + 1])}")

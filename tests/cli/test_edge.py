@@ -101,6 +101,7 @@ def test_the_exit_code_is_that_of_the_run_whoever_reads(tmp_path):
         done = simloop("list", shell="> /dev/full")
         assert done.returncode == 2
         assert done.stderr == "error: standard output: cannot be written: No space left on device\n"
+        assert simloop("list", "--x", shell="2> /dev/full").returncode == 2
 
 
 @pytest.mark.parametrize(
@@ -122,7 +123,7 @@ def test_names_beyond_ascii_in_any_surroundings(tmp_path, surroundings):
 
 
 def test_kernels_find_a_folder_where_home_cannot_be_written(tmp_path, monkeypatch):
-    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "")  # so that it is restored at the end
     assert prepare_kernel_cache() is None  # this package can be written
     package = tmp_path / "package"
     (package / "common").mkdir(parents=True)
@@ -137,7 +138,7 @@ def test_kernels_find_a_folder_where_home_cannot_be_written(tmp_path, monkeypatc
     assert folder.parent == tmp_path and str(folder) in note
     assert folder.stat().st_mode & 0o777 == 0o700
     # A folder of that name that others can write is not trusted, as kernels in it are executed.
-    monkeypatch.delenv("NUMBA_CACHE_DIR")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "")
     folder.chmod(0o777)
     prepare_kernel_cache()
     assert Path(os.environ["NUMBA_CACHE_DIR"]) != folder
