@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,8 +11,17 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
-INTERRUPTED = 130
-"""The exit code of a command that was stopped by Ctrl-C or SIGTERM."""
+from simloop.cli.edge import INTERRUPTED
+
+__all__ = [
+    "INTERRUPTED",
+    "JsonFile",
+    "Overrides",
+    "check_json",
+    "compiling_shown",
+    "stop_asked",
+    "write_json",
+]
 
 Overrides = Annotated[
     list[str] | None,
@@ -65,19 +73,29 @@ def compiling_shown(notes: Console) -> Iterator[Callable[[str, int], None]]:
         yield report
 
 
-def check_json(path: Path | None) -> None:
-    """Check that the file of ``--json`` can be written.
+def check_json(path: Path | None, read: Mapping[Path, str] | None = None) -> None:
+    """Check that the file of ``--json`` can be written, and replaces nothing that is read.
 
     Args:
         path: The file; None if ``--json`` is not given.
+        read: Files that the command reads, each with what it is. simloop's own models and
+            scenarios always count as read.
 
     Raises:
-        InputError: If the file cannot be written.
+        InputError: If the file cannot be written, or is one of those that are read.
     """
-    from simloop.common.files import check_file
+    from simloop.common.data_files import models_dir, scenarios_dir
+    from simloop.common.files import FilePlan
 
-    if path is not None:
-        check_file(path, "--json")
+    if path is None:
+        return
+    plan = FilePlan()
+    for folder in (models_dir(), scenarios_dir()):
+        own = (file for file in folder.rglob("*") if file.is_file())
+        plan.reads_all(dict.fromkeys(own, "a file of simloop itself"))
+    plan.reads_all(read or {})
+    plan.writes(path, "--json")
+    plan.check()
 
 
 def write_json(path: Path | None, figures: dict[str, Any]) -> None:
@@ -90,8 +108,9 @@ def write_json(path: Path | None, figures: dict[str, Any]) -> None:
     Raises:
         InputError: If the file cannot be written.
     """
-    from simloop.common.files import write_text
+    from simloop.common.files import make_directory, write_text
+    from simloop.common.json_text import json_text
 
     if path is not None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_text(path, json.dumps(figures, indent=2) + "\n")
+        make_directory(path.parent)
+        write_text(path, json_text(figures))

@@ -1,13 +1,14 @@
 """The command line ``simloop`` and its commands run, list and certify.
 
-Exit codes: 0 goal reached (or all is well), 1 the robot failed, 2 wrong input, 130 stopped by
-Ctrl-C. Each command imports what it needs when it runs, so that ``simloop --help`` is quick.
+Exit codes: 0 goal reached (or all is well), 1 the robot failed, 2 wrong input, 70 a fault of the
+program, 130 stopped by Ctrl-C. Each command imports what it needs when it runs, so that
+``simloop --help`` is quick.
 """
 
 from __future__ import annotations
 
 import os
-import signal
+import shlex
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -20,7 +21,6 @@ from simloop import __version__
 from simloop.cli.bench import bench_app
 from simloop.cli.campaign import campaign
 from simloop.cli.common import (
-    INTERRUPTED,
     JsonFile,
     Overrides,
     check_json,
@@ -28,10 +28,12 @@ from simloop.cli.common import (
     stop_asked,
     write_json,
 )
+from simloop.cli.edge import INTERRUPTED, run_at_edge
 from simloop.cli.replay import replay
 from simloop.common.errors import InputError, printable
 
 if TYPE_CHECKING:
+    from simloop.evaluation.referee import Outcome
     from simloop.loop import RunResult, Simulation
     from simloop.recording.outputs import Outputs
     from simloop.recording.watch import Watch
@@ -77,12 +79,10 @@ app.add_typer(bench_app, name="bench")
 app.command("replay")(replay)
 app.command("campaign")(campaign)
 
-_INPUT_WRONG = 2
-
 
 def main() -> None:
     """Run the command line. Wrong input ends it with one line on stderr and exit code 2."""
-    _run(app)
+    run_at_edge(app)
 
 
 def run_command(command: Callable[..., int]) -> None:
@@ -93,40 +93,15 @@ def run_command(command: Callable[..., int]) -> None:
     """
     alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
     alone.command()(command)
-    _run(alone)
-
-
-def _run(commands: typer.Typer) -> None:
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        code = commands(standalone_mode=False) or 0
-        if code == INTERRUPTED:  # typer caught Ctrl-C, or a command reports that it was stopped
-            raise KeyboardInterrupt
-        sys.exit(code)
-    except (KeyboardInterrupt, typer.Abort):
-        _fail("interrupted", INTERRUPTED)
-    except InputError as error:
-        _fail(f"error: {error}", _INPUT_WRONG)
-    except BrokenPipeError:
-        # The reader of our output is gone, e.g. `head`; Python must not report this at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(0)
-    except OSError as error:
-        where = f"{error.filename}: " if error.filename else ""
-        _fail(f"error: {where}{error.strerror or error}", _INPUT_WRONG)
-    except Exception as error:
-        # In some versions of typer, the errors of the option parser have no public base class.
-        describe = getattr(error, "format_message", None)
-        if describe is None:
-            raise
-        text = describe()
-        is_help = text.startswith("Usage:")
-        _fail(text if is_help else f"error: {' '.join(text.split())}", _INPUT_WRONG)
+    run_at_edge(alone)
 
 
 @app.callback(invoke_without_command=True)
 def _about(
     version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
+    debug: Annotated[
+        bool, typer.Option("--debug", help="Show the traceback of a fault of the program.")
+    ] = False,  # taken from the arguments by ``run_at_edge``; here for the help text only
 ) -> None:
     if version:
         print(f"simloop {__version__}")
@@ -190,31 +165,20 @@ def run_scenario(
     """
     from simloop.cli.outputs import choose
     from simloop.evaluation.referee import Outcome
+    from simloop.scenario.inputs import input_files
     from simloop.scenario.load import load, resolve
 
     wanted = load(
         scenario, overrides or (), seed=seed, planner=planner, model_path=model_path or ()
     )
     outputs = choose(out, record, snapshots, json_file)
-    outputs.check(resolve(scenario))
-    console, notes = Console(quiet=quiet), Console(stderr=True, quiet=quiet)
-    world = _build(wanted, notes)
+    outputs.check(input_files(wanted, resolve(scenario)))
+    world = _build(wanted, Console(stderr=True, quiet=quiet))
     # Nothing is written before this line, and all input is checked before it.
-    with compiling_shown(notes) as report:
-        from simloop.evaluation.provenance import versions
-        from simloop.loop import Simulation, warm_up
-        from simloop.recording.watch import watch
-
-        warm_up(wanted, world, report)
-    outputs.prepare()
-    with stop_asked() as stop, watch(wanted, world, outputs) as watched:
-        outputs.write_config(wanted, versions())
-        simulation = Simulation(wanted, watched.listeners, world=world)
-        result = _drive(simulation, notes, stop)
-        _finish(console, result, outputs, watched)
-    if result.outcome is Outcome.INTERRUPTED:
+    outcome = _run_world(wanted, world, outputs, quiet)
+    if outcome is Outcome.INTERRUPTED:
         sys.exit(INTERRUPTED)  # without a message, because the table shows it
-    return 0 if result.reached else 1
+    return 0 if outcome.success else 1
 
 
 @app.command("certify")
@@ -259,6 +223,36 @@ def certify(
     return 0 if figures["ok"] else 1
 
 
+def _run_world(scenario: Scenario, world: World, outputs: Outputs, quiet: bool) -> Outcome:
+    """Run a scenario in its world, write the outputs and print the result."""
+    from simloop.common.files import folder_lock
+
+    console, notes = Console(quiet=quiet), Console(stderr=True, quiet=quiet)
+    with compiling_shown(notes) as report:
+        from simloop.evaluation.provenance import versions
+        from simloop.loop import Simulation, warm_up
+        from simloop.recording.watch import watch
+
+        warm_up(scenario, world, report)
+    outputs.prepare()
+    with (
+        folder_lock(outputs.folder, outputs.snapshots),
+        stop_asked() as stop,
+        watch(scenario, world, outputs) as watched,
+    ):
+        outputs.announce(scenario, versions())
+        simulation = Simulation(scenario, watched.listeners, world=world)
+        result = _drive(simulation, notes, stop)
+        try:
+            outputs.write_result(
+                result.metrics | _plan_figures(watched, notes, stop), scenario, versions()
+            )
+            watched.finish()
+        finally:
+            _print_result(console, result.metrics, outputs, watched.recording)
+    return result.outcome
+
+
 def _drive(simulation: Simulation, notes: Console, stop: Callable[[], bool]) -> RunResult:
     """Run with a progress bar until the end, or until ``stop`` returns True."""
     from simloop.common.terminal import progress_bar
@@ -289,41 +283,56 @@ def _build(scenario: Scenario, notes: Console) -> World:
         raise InputError(
             f"MUJOCO_GL={name}: cannot be loaded ({error}); choices: egl, osmesa, disable"
         ) from None
-    world = build_world(scenario)
+    from simloop.common.waiting import said_if_slow
+
+    with said_if_slow(notes, "building the world"):
+        world = build_world(scenario)
     for line in world.notes:
         notes.print(f"note: {printable(line)}", markup=False, highlight=False, soft_wrap=True)
     return world
 
 
-def _finish(console: Console, result: RunResult, outputs: Outputs, watched: Watch) -> None:
-    """Write the figures and pictures, and print the figures even if that fails."""
-    try:
-        outputs.write_result(result.metrics | watched.plan_figures())
-        watched.finish()
-    finally:
-        _print_result(console, result.metrics, outputs)
+def _plan_figures(watched: Watch, notes: Console, stop: Callable[[], bool]) -> dict[str, Any]:
+    """Compute the exact optima with a progress bar. Tell for how many plans there is none."""
+    from simloop.common.terminal import counting
+
+    plans, optima = watched.plan_count
+    done = 0
+
+    def count(so_far: int) -> None:
+        nonlocal done
+        done = so_far
+        show(so_far)
+
+    with counting(notes, "exact optima", optima) as show:
+        figures = watched.plan_figures(stop, count)
+    if done < plans:
+        why = "stopped" if done < optima else "the others would take too long"
+        notes.print(
+            f"{done} of {plans} plans are compared with the exact optimum: {why}", soft_wrap=True
+        )
+    return figures
 
 
-def _print_result(console: Console, metrics: dict[str, Any], outputs: Outputs) -> None:
+def _print_result(
+    console: Console, metrics: dict[str, Any], outputs: Outputs, recording: Path | None
+) -> None:
     """Print the table of figures and the written files."""
     from simloop.cli.tables import print_result
 
     print_result(console, metrics)
     places = (
-        ("recording", outputs.recording, "to open it: rerun "),
+        ("recording", recording, "to open it: rerun "),
         ("pictures", outputs.snapshots, ""),
         ("figures", outputs.result, ""),
         ("config", outputs.config, "to repeat the run: simloop run "),
     )
     for name, path, hint in places:
         if path is not None and path.exists():
-            text = f"  {name:13} {path}" + (f"   ({hint}{path})" if hint else "")
+            shown = printable(str(path))
+            quoted = shlex.quote(shown)
+            text = f"  {name:13} {shown}" + (f"   ({hint}{quoted})" if hint else "")
             console.print(text, markup=False, highlight=False, soft_wrap=True)
-
-
-def _fail(message: str, code: int) -> None:
-    print(message, file=sys.stderr)
-    sys.exit(code)
 
 
 if __name__ == "__main__":

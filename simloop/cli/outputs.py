@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 from simloop.common.errors import InputError
-from simloop.common.files import check_directory
 from simloop.recording.outputs import Outputs
 
 
@@ -25,15 +24,14 @@ def choose(
         The output files.
 
     Raises:
-        InputError: ``--json`` names no file, or the folder of ``--out`` is not writable.
+        InputError: ``--json`` names no file.
     """
     if result is not None and not result.name:
         raise InputError(f"--json '{result}': not a file")
     if out is not None:
-        check_directory(out, "--out")
         recording = recording or out / "run.rrd"
         snapshots = snapshots or out / "snapshots"
         result = result or out / "result.json"
-        return Outputs(recording, snapshots, result, out / "config.toml")
+        return Outputs(recording, snapshots, result, out / "config.toml", out)
     config = result.with_suffix(".config.toml") if result else None
     return Outputs(recording, snapshots, result, config)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +9,7 @@ import typer
 from rich.console import Console
 
 from simloop.cli.common import INTERRUPTED, compiling_shown, stop_asked, write_json
+from simloop.common.json_text import json_text
 
 Log = Annotated[Path, typer.Argument(help="A CARMEN .log or .clf file, or an .npz file of scans.")]
 JsonOrStdout = Annotated[
@@ -70,7 +70,7 @@ def replay(
         )
         outputs.write(replayed, files)
     if json_file == outputs.STDOUT:
-        print(json.dumps(replayed.figures, indent=2))
+        print(json_text(replayed.figures), end="")
     else:
         outputs.print_figures(Console(), replayed.figures)
         write_json(json_file, replayed.figures)

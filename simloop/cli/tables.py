@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from simloop.certify.checks import Check
+from simloop.common.errors import printable
 from simloop.common.terminal import print_table
 from simloop.evaluation.referee import Outcome
 
@@ -56,7 +57,7 @@ def print_result(console: Console, metrics: Mapping[str, Any]) -> None:
     outcome = Outcome(metrics["outcome"])
     colour = "yellow" if outcome is Outcome.INTERRUPTED else "green" if outcome.success else "red"
     heading = f"{metrics['scenario']}, seed {metrics['seed']}, planner {metrics['planner']}"
-    heading = f"{escape(heading)}: [bold {colour}]{outcome.description}[/]"
+    heading = f"{escape(printable(heading))}: [bold {colour}]{outcome.description}[/]"
     console.print(heading, highlight=False, soft_wrap=True)
     for name, value in result_rows(metrics):
         line = f"  [dim]{name:13}[/] {escape(value)}"

@@ -55,6 +55,7 @@ def did_you_mean(given: str, choices: Iterable[str]) -> str:
         `` (did you mean 'x'?); choices: a, b, x``. Without the question if no name is similar.
     """
     names = sorted(choices)
-    close = difflib.get_close_matches(given, names, n=1, cutoff=0.6)
+    # Comparing is quadratic in the length, and no name is this long.
+    close = difflib.get_close_matches(given[:200], names, n=1, cutoff=0.6)
     hint = f" (did you mean '{close[0]}'?)" if close else ""
     return f"{hint}; choices: {', '.join(names) or 'none'}"

@@ -69,6 +69,14 @@ HEIGHT_POINTS = 2**21
 
 MESH_BYTES = 32 * 2**20
 """Size of a mesh, texture or height field of an MJCF arena, as a file."""
+SCENARIO_BYTES = 2**20
+"""Size of a scenario file: the largest shipped one has 8 kB."""
+
+INTEGER_BITS = 14_000
+"""Bits of an integer in a file: Python does not print longer ones. No setting takes one near it."""
+
+TEXT_CHARACTERS = 10_000
+"""Length of a text in a scenario, e.g. of its description."""
 
 
 def check_limit(value: float, most: float, what: str, unit: str = "") -> None:

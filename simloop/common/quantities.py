@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import ConfigDict, Field
+from pydantic import AfterValidator, ConfigDict, Field
 from pydantic_core import PydanticCustomError
 
 # The limits are wider than any sensible setting. They are narrow enough that nothing overflows and
@@ -18,12 +18,35 @@ Point = tuple[Coordinate, Coordinate]
 STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 """Configuration of pydantic models: unknown keys, infinity and NaN are errors."""
 
-Positive = Annotated[float, Field(gt=0.0, le=1e6)]
-NonNegative = Annotated[float, Field(ge=0.0, le=1e6)]
-Length = Annotated[float, Field(gt=0.0, le=10.0)]
+_LEAST = 1e-9  # the square and the inverse of a smaller number leave the range of numbers
+
+
+def _zero_or_sizable(value: float) -> float:
+    if 0.0 < value < _LEAST:
+        raise PydanticCustomError(
+            "too_small", "{text}", {"text": f"must be 0 or at least {_LEAST:g}"}
+        )
+    return value
+
+
+Positive = Annotated[float, Field(gt=0.0, le=1e6), AfterValidator(_zero_or_sizable)]
+NonNegative = Annotated[float, Field(ge=0.0, le=1e6), AfterValidator(_zero_or_sizable)]
+Small = Annotated[float, Field(ge=0.0, le=10.0), AfterValidator(_zero_or_sizable)]
+"""A noise, a bias, a margin or a share, 0 to 10 of its unit."""
+
+Scale = Annotated[float, Field(ge=1e-4, le=1e3)]
+"""A gain, a weight of the map or a physical constant of a motor, which must not vanish."""
+
+Rate = Annotated[float, Field(ge=1e-3, le=1e3)]
+"""A speed or an acceleration that is a limit, per s or s^2."""
+
+Offset = Annotated[float, Field(ge=-10.0, le=10.0)]
+"""A coordinate in base_link, m."""
+
+Length = Annotated[float, Field(gt=0.0, le=10.0), AfterValidator(_zero_or_sizable)]
 """A length of the robot or of an object near it, m."""
 
-Period = Annotated[float, Field(gt=0.0, le=3600.0)]
+Period = Annotated[float, Field(gt=0.0, le=3600.0), AfterValidator(_zero_or_sizable)]
 """The time between two events, s."""
 
 Angle = Annotated[float, Field(ge=0.01, le=3.0)]

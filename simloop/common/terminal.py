@@ -126,13 +126,20 @@ def print_table(
         header: The columns' names.
         rows: The rows, each with one text per column.
     """
+    header = [_visible(cell) for cell in header]
+    rows = [[_visible(cell) for cell in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
 
     def line(cells: Sequence[str]) -> str:
         return "  ".join(f"{cell:{width}}" for cell, width in zip(cells, widths, strict=True))
 
     if title:
-        console.print(f"[bold]{escape(title)}[/]", highlight=False)
+        console.print(f"[bold]{escape(_visible(title))}[/]", highlight=False)
     console.print(f"  [dim]{escape(line(header).rstrip())}[/]", highlight=False, soft_wrap=True)
     for row in rows:
         console.print(f"  {escape(line(row).rstrip())}", highlight=False, soft_wrap=True)
+
+
+def _visible(text: str) -> str:
+    """Show control characters, which may come from a file, as escapes."""
+    return "".join(one if one.isprintable() else ascii(one)[1:-1] for one in text)

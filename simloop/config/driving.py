@@ -11,6 +11,7 @@ from simloop.common.quantities import (
     STRICT,
     NonNegative,
     Positive,
+    Rate,
     reject,
 )
 
@@ -37,12 +38,12 @@ class TrackerConfig:
         goal_margin_m: How far inside the goal's tolerance the robot stops, m.
     """
 
-    max_lateral_accel_mps2: Positive = 0.4
-    creep_mps: Positive = 0.3
-    open_clearance_m: Positive = 0.1
-    lateral_gain_1pm2: Positive = 12.0
-    heading_gain_1pm: Positive = 5.0
-    turn_gain_1ps: Positive = 4.0
+    max_lateral_accel_mps2: Rate = 0.4
+    creep_mps: Rate = 0.3
+    open_clearance_m: Rate = 0.1
+    lateral_gain_1pm2: Rate = 12.0
+    heading_gain_1pm: Rate = 5.0
+    turn_gain_1ps: Rate = 4.0
     turn_on_spot_rad: Positive = 0.8
     turn_on_spot_with_camera_rad: Positive = 0.4
     end_turn_rad: Positive = 0.15
@@ -66,13 +67,13 @@ class DriveConfig:
         angle_error_limit_rad: Limit of the sprockets' angle error, rad (anti-windup).
     """
 
-    max_speed_mps: Positive = 0.47
-    max_track_speed_mps: Positive = 0.49
-    max_yaw_rate_radps: Positive = 1.6
-    max_accel_mps2: Positive = 0.8
-    max_decel_mps2: Positive = 0.6
-    max_brake_mps2: Positive = 1.2
-    max_yaw_accel_radps2: Positive = 6.0
+    max_speed_mps: Rate = 0.47
+    max_track_speed_mps: Rate = 0.49
+    max_yaw_rate_radps: Rate = 1.6
+    max_accel_mps2: Rate = 0.8
+    max_decel_mps2: Rate = 0.6
+    max_brake_mps2: Rate = 1.2
+    max_yaw_accel_radps2: Rate = 6.0
     angle_gain_v_per_rad: NonNegative = 20.0
     angle_error_limit_rad: Positive = 0.3
 
@@ -125,7 +126,7 @@ class SeparationConfig:
     """
 
     margin_m: NonNegative = 0.06
-    decel_mps2: Positive = 1.0
+    decel_mps2: Rate = 1.0
     grows_mps: NonNegative = 0.1
     grows_share: NonNegative = 0.15
     stands_mps: Positive = 0.1
@@ -153,8 +154,8 @@ class RecoveryConfig:
     """
 
     stuck_s: Positive = 1.0
-    back_off_m: Positive = 0.25
-    back_off_mps: Positive = 0.12
+    back_off_m: Rate = 0.25
+    back_off_mps: Rate = 0.12
     attempts: Annotated[int, Field(ge=0, le=1000)] = 8
 
 
@@ -173,4 +174,4 @@ class WatchdogConfig:
     path_frames: Annotated[float, Field(ge=1.0, le=1e6)] = 3.0
     estimate_s: Positive = 0.05
     image_s: Positive = 0.5
-    unheard_mps: Positive = 0.15
+    unheard_mps: Rate = 0.15

@@ -12,7 +12,10 @@ from simloop.common.quantities import (
     Length,
     NonNegative,
     Positive,
+    Small,
 )
+
+_Int64 = Annotated[int, Field(gt=-(2**63), lt=2**63)]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -50,13 +53,13 @@ class PlannerConfig:
     idle_generations: Annotated[int, Field(ge=1, le=10_000)] = 30
     max_evaluations: Annotated[int, Field(ge=100, le=10**8)] = 40_000
     safe_distance_m: Annotated[float, Field(ge=0.06, le=5.0)] = 0.26
-    squeeze_m: Annotated[float, Field(ge=0.0, lt=0.05)] = 0.008
-    prefer_m: Annotated[float, Field(ge=0.0, le=1.0)] = 0.02
+    squeeze_m: Annotated[Small, Field(lt=0.05)] = 0.008
+    prefer_m: Annotated[Small, Field(le=1.0)] = 0.02
     prefer_share: NonNegative = 0.05
     precise: bool = False
     latency: Literal["fixed", "per_evaluation"] = "fixed"
-    latency_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 0.0
-    options: dict[str, bool | int | float | str] = Field(default_factory=dict)
+    latency_s: Annotated[NonNegative, Field(le=3600.0)] = 0.0
+    options: dict[str, bool | _Int64 | float | str] = Field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -77,7 +80,7 @@ class SmootherConfig:
     spacing_m: Annotated[float, Field(ge=0.001, le=1.0)] = 0.02
     max_cut_m: Length = 0.6
     min_cut_m: Length = 0.01
-    extra_room_m: Annotated[float, Field(ge=0.0, le=1.0)] = 0.04
+    extra_room_m: Annotated[Small, Field(le=1.0)] = 0.04
     lead_in_m: Length = 0.25
     lead_in_max_turn_rad: NonNegative = 1.0
     lead_in_max_turn_with_camera_rad: NonNegative = 0.3

@@ -15,6 +15,9 @@ from simloop.common.quantities import (
     NonNegative,
     Period,
     Positive,
+    Rate,
+    Scale,
+    Small,
     check_range,
 )
 
@@ -43,12 +46,12 @@ class ImuConfig:
         accel_bias_walk_mps2_rts: Random walk of its bias, m/s^2/sqrt(s).
     """
 
-    gyro_noise_radps_rthz: NonNegative = 1.75e-4
-    gyro_bias_radps: NonNegative = 3.0e-3
-    gyro_bias_walk_radps_rts: NonNegative = 2.0e-5
-    accel_noise_mps2_rthz: NonNegative = 2.9e-3
-    accel_bias_mps2: NonNegative = 0.05
-    accel_bias_walk_mps2_rts: NonNegative = 2.0e-4
+    gyro_noise_radps_rthz: Small = 1.75e-4
+    gyro_bias_radps: Small = 3.0e-3
+    gyro_bias_walk_radps_rts: Small = 2.0e-5
+    accel_noise_mps2_rthz: Small = 2.9e-3
+    accel_bias_mps2: Small = 0.05
+    accel_bias_walk_mps2_rts: Small = 2.0e-4
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -64,9 +67,9 @@ class LidarConfig:
     """
 
     rays: Annotated[int, Field(ge=8, le=36000)] = 360
-    range_min_m: Positive = 0.15
+    range_min_m: Annotated[float, Field(ge=1e-3, le=100.0)] = 0.15
     range_max_m: Annotated[float, Field(ge=0.01, le=1000.0)] = 12.0
-    noise_m: NonNegative = 0.01
+    noise_m: Small = 0.01
     dropout: Fraction = 0.005
 
     @model_validator(mode="after")
@@ -99,9 +102,9 @@ class CameraConfig:
     columns: Annotated[int, Field(ge=4, le=4096)] = 64
     rows: Annotated[int, Field(ge=4, le=4096)] = 48
     fov_rad: tuple[Angle, Angle] = (1.518, 1.012)
-    range_min_m: Positive = 0.17
+    range_min_m: Annotated[float, Field(ge=1e-3, le=100.0)] = 0.17
     range_max_m: Annotated[float, Field(ge=0.01, le=100.0)] = 3.0
-    noise_1pm: NonNegative = 0.002
+    noise_1pm: Small = 0.002
     dropout: Fraction = 0.01
 
     @model_validator(mode="after")
@@ -137,16 +140,16 @@ class EkfConfig:
     speed_walk: Positive = 0.1
     yaw_rate_walk: Positive = 1.0
     lateral_walk: Positive = 0.006
-    gyro_bias_walk: NonNegative = 2.0e-5
-    gauge_ratio_walk: NonNegative = 0.015
-    gauge_ratio: Positive = 1.2
+    gyro_bias_walk: Small = 2.0e-5
+    gauge_ratio_walk: Small = 0.015
+    gauge_ratio: Annotated[float, Field(ge=0.1, le=10.0)] = 1.2
     gauge_ratio_std: Positive = 0.15
-    icr_walk: NonNegative = 0.005
+    icr_walk: Small = 0.005
     icr_std_m: Positive = 0.03
     gyro_bias_std: Positive = 3.0e-3
     encoder_slip_mps: Positive = 0.003
-    map_std_xy_m: NonNegative = 0.0012
-    map_std_yaw_rad: NonNegative = 0.0005
+    map_std_xy_m: Small = 0.0012
+    map_std_yaw_rad: Small = 0.0005
     gate_probability: Annotated[float, Field(gt=0.5, lt=1.0)] = 0.9999
 
 
@@ -177,19 +180,19 @@ class SlamConfig:
     """
 
     resolution_m: Annotated[float, Field(ge=0.005, le=1.0)] = 0.05
-    hit_log_odds: Positive = 0.9
-    miss_log_odds: Positive = 0.4
-    max_log_odds: Positive = 5.0
+    hit_log_odds: Scale = 0.9
+    miss_log_odds: Scale = 0.4
+    max_log_odds: Scale = 5.0
     occupied_log_odds: NonNegative = 0.5
     search_xy_m: Annotated[float, Field(gt=0.0, le=2.0)] = 0.15
     search_yaw_rad: Annotated[float, Field(gt=0.0, le=3.2)] = 0.10
     search_points: Annotated[int, Field(ge=10, le=10_000)] = 90
-    grain_m: Positive = 0.01
+    grain_m: Annotated[float, Field(ge=1e-4, le=1.0)] = 0.01
     refine_steps: Annotated[int, Field(ge=1, le=1000)] = 12
     least_overlap: Fraction = 0.4
-    most_residual: Positive = 5.0
-    match_std_xy_m: Positive = 0.0005
-    match_std_yaw_rad: Positive = 0.00025
+    most_residual: Annotated[float, Field(ge=1e-3, le=1e6)] = 5.0
+    match_std_xy_m: Annotated[float, Field(ge=1e-6, le=10.0)] = 0.0005
+    match_std_yaw_rad: Annotated[float, Field(ge=1e-6, le=10.0)] = 0.00025
     beyond_m: Length = 0.5
     prior_map: str = ""
     extend_map: bool = True
@@ -208,8 +211,8 @@ class LowObstaclesConfig:
         clear_m: Distance up to which visible ground removes an obstacle that was there, m.
     """
 
-    step_m: Positive = 0.025
-    slope: Positive = 0.5
+    step_m: Annotated[float, Field(ge=1e-3, le=10.0)] = 0.025
+    slope: Rate = 0.5
     height_m: Length = 0.25
-    reach_m: Positive = 2.5
-    clear_m: Positive = 1.0
+    reach_m: Annotated[float, Field(ge=0.01, le=100.0)] = 2.5
+    clear_m: Annotated[float, Field(ge=0.01, le=100.0)] = 1.0

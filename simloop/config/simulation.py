@@ -11,8 +11,11 @@ from simloop.common.quantities import (
     STRICT,
     Length,
     NonNegative,
+    Offset,
     Period,
-    Positive,
+    Point,
+    Scale,
+    Small,
     check_multiple,
     has_area,
     reject,
@@ -34,7 +37,7 @@ class RatesConfig:
 
     physics_s: Annotated[float, Field(ge=1e-6, le=0.01)] = 0.002
     control_s: Annotated[float, Field(ge=1e-6, le=0.1)] = 0.01
-    lidar_s: Period = 0.1
+    lidar_s: Annotated[Period, Field(le=10.0)] = 0.1
     plan_s: Period = 1.83
 
     @model_validator(mode="after")
@@ -60,8 +63,8 @@ class FrictionZone:
         friction: Coulomb coefficient.
     """
 
-    min_m: tuple[float, float]
-    max_m: tuple[float, float]
+    min_m: Point
+    max_m: Point
     friction: Friction
 
     @model_validator(mode="after")
@@ -87,8 +90,8 @@ class FrictionImage:
     """
 
     file: str
-    min_m: tuple[float, float]
-    max_m: tuple[float, float]
+    min_m: Point
+    max_m: Point
     black: Friction
     white: Friction
 
@@ -116,8 +119,8 @@ class TracksConfig:
     friction: Friction = 0.6
     zones: tuple[FrictionZone, ...] = ()
     friction_image: FrictionImage | None = None
-    shear_modulus_m: Positive = 0.001
-    shear_damping_s: NonNegative = 0.01
+    shear_modulus_m: Annotated[float, Field(ge=1e-5, le=1.0)] = 0.001
+    shear_damping_s: Small = 0.01
     rolling_resistance: Annotated[float, Field(ge=0.0, le=0.5)] = 0.02
 
 
@@ -137,14 +140,14 @@ class MotorConfig:
         rotor_inertia_kgm2: Reflected inertia of the rotor, kg m^2.
     """
 
-    supply_v: Positive = 24.0
-    resistance_ohm: Positive = 24.0 / 13.0
-    torque_nm_per_a: Positive = 1.57 / 1.6
-    back_emf_v_per_radps: Positive = (24.0 - 0.5 * 24.0 / 13.0) / 14.975
+    supply_v: Annotated[float, Field(ge=0.1, le=1e3)] = 24.0
+    resistance_ohm: Scale = 24.0 / 13.0
+    torque_nm_per_a: Scale = 1.57 / 1.6
+    back_emf_v_per_radps: Scale = (24.0 - 0.5 * 24.0 / 13.0) / 14.975
     no_load_current_a: NonNegative = 0.5
-    current_limit_a: Positive = 5.0
+    current_limit_a: Scale = 5.0
     brake_torque_nm: NonNegative = 6.0
-    rotor_inertia_kgm2: Positive = 0.02
+    rotor_inertia_kgm2: Annotated[float, Field(ge=1e-6, le=10.0)] = 0.02
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -166,7 +169,7 @@ class VehicleConfig:
     sprocket_radius_m: Length = 0.037
     length_m: Length = 0.49
     width_m: Length = 0.465
-    footprint_offsets_m: tuple[float, float, float] = (-0.16, 0.0, 0.16)
+    footprint_offsets_m: tuple[Offset, Offset, Offset] = (-0.16, 0.0, 0.16)
     footprint_radius_m: Length = 0.25
 
 
@@ -180,4 +183,4 @@ class PayloadConfig:
     """
 
     mass_kg: Annotated[float, Field(ge=0.0, le=50.0)] = 0.0
-    position_m: tuple[float, float, float] = (0.0, 0.0, 0.15)
+    position_m: tuple[Offset, Offset, Offset] = (0.0, 0.0, 0.15)

@@ -1,12 +1,13 @@
 """Compare each replan with the exact optimum among the discs of the same view.
 
 The robot does not see the result. It is computed after the run, because one optimum takes about
-40 ms.
+40 ms. The effort is bounded: an optimum among n discs takes up to n^3 steps.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +18,8 @@ from simloop.truth import Published
 
 _SAME_PLACE_M = 0.01
 _TOUCH_M = 1e-6
+_MOST_DISCS = 400  # an optimum among so many takes 2 to 9 s, and cannot be interrupted
+_MOST_WORK = 1_000_000_000  # sum of n^3 of all optima of a run: 10 to 60 s
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +40,7 @@ class PlanRecord:
         start_turn_cost: Part of ``cost`` for the turn from the robot's heading to the first
             first segment.
         exact_cost: Least J without a start turn, for a point among the view's discs that keeps
-            the plan's safe distance; None if there is no such path.
+            the plan's safe distance; None if there is no such path, or if it was not computed.
         gap_percent: Excess of ``cost`` without the start turn over ``exact_cost``, %; None if the
             plan is not safe. Most planners use the map's cells, and the discs cover more than the
             cells do, so the gap may be below zero.
@@ -58,41 +61,106 @@ class PlanRecord:
     gap_percent: float | None
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Problem:
+    """What the exact optimum of a plan depends on.
+
+    Attributes:
+        discs_xyr_m: (K, 3) x, y, radius of the view's obstacles, in map, m.
+        bounds_m: (4,) x_min, y_min, x_max, y_max, in map, m.
+    """
+
+    discs_xyr_m: FloatArray
+    bounds_m: FloatArray
+
+    @property
+    def work(self) -> int:
+        return (len(self.discs_xyr_m) + 2) ** 3
+
+
 class PlanLog:
-    """Listens to a run's messages, and keeps the plans with their views."""
+    """Listens to a run's messages, and keeps the plans with what their optimum depends on.
+
+    If all optima of a long run would take too long, only those of every 2nd, 4th, ... plan are
+    computed. Their views are all that is kept, so memory is bounded, too.
+    """
 
     def __init__(self, config: PlannerConfig) -> None:
         self._config = config
         self._plans: list[Plan] = []
-        self._views: dict[int, WorldView] = {}
+        self._problems: dict[int, _Problem] = {}  # by the plan's place in the list
+        self._work, self._stride = 0, 1
 
     def offer(self, message: Published) -> None:
-        """Take one message.
+        """Take one message. A plan and its view come in the same control period, in any order.
 
         Args:
-            message: Any message of the run; plans and views are kept.
+            message: Any message of the run; plans and parts of views are kept.
         """
         if isinstance(message, Plan):
-            self._plans.append(message)
-        elif isinstance(message, WorldView):
-            self._views[message.t_ns] = message
+            # Without its pictures, which are many times as large as the rest.
+            self._plans.append(replace(message, candidates_m=(), history=np.zeros((0, 2))))
+        elif isinstance(message, WorldView) and self._plans:
+            place = len(self._plans) - 1
+            if self._plans[place].t_ns == message.t_ns:
+                self._keep(place, message)
 
-    def records(self) -> list[PlanRecord]:
+    def records(
+        self,
+        stop: Callable[[], bool] = lambda: False,
+        show: Callable[[int], None] = lambda done: None,
+    ) -> list[PlanRecord]:
         """Compute the records of all plans so far, including the first.
+
+        Args:
+            stop: Called before each optimum; True ends the work. The rest has no optimum.
+            show: Called with the number of optima computed so far.
 
         Returns:
             One record for each plan, in order.
         """
-        return [self._record(plan, self._views[plan.t_ns]) for plan in self._plans]
+        records, done = [], 0
+        for place, plan in enumerate(self._plans):
+            problem = self._problems.get(place)
+            if problem is not None and stop():
+                problem = None
+            records.append(self._record(plan, problem))
+            done += problem is not None
+            show(done)
+        return records
 
-    def _record(self, plan: Plan, view: WorldView) -> PlanRecord:
-        best = least_cost(
-            self._config,
-            view,
-            plan.waypoints_m[0],
-            plan.waypoints_m[-1],
-            safe_distance_m=plan.safe_distance_m,
-        )
+    @property
+    def plans(self) -> int:
+        """Number of plans so far."""
+        return len(self._plans)
+
+    @property
+    def optima(self) -> int:
+        """Number of plans whose optimum is computed."""
+        return len(self._problems)
+
+    def _keep(self, place: int, view: WorldView) -> None:
+        problem = _Problem(view.discs_xyr_m.copy(), view.bounds_m.copy())
+        if place % self._stride or len(problem.discs_xyr_m) > _MOST_DISCS:
+            return
+        self._problems[place] = problem
+        self._work += problem.work
+        while self._work > _MOST_WORK:
+            self._stride *= 2
+            kept = {at: one for at, one in self._problems.items() if at % self._stride == 0}
+            self._problems = kept
+            self._work = sum(one.work for one in kept.values())
+
+    def _record(self, plan: Plan, problem: _Problem | None) -> PlanRecord:
+        best = None
+        if problem is not None:
+            best = least_cost(
+                self._config,
+                problem,
+                plan.waypoints_m[0],
+                plan.waypoints_m[-1],
+                safe_distance_m=plan.safe_distance_m,
+            )
         gap = 100.0 * (plan.path_cost / best - 1.0) if plan.safe and best else None
         return PlanRecord(
             t_s=plan.t_ns * 1e-9,
@@ -113,7 +181,7 @@ class PlanLog:
 
 def least_cost(
     config: PlannerConfig,
-    view: WorldView,
+    view: WorldView | _Problem,
     start: FloatArray,
     goal: FloatArray,
     *,

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from simloop.common.files import write_bytes, write_text
+from simloop.common.files import Batch, written_together
 from simloop.common.map_server import FREE_BELOW, OCCUPIED_ABOVE, MapCells, read_cells
 from simloop.config import SlamConfig
 from simloop.mapping.grid_map import GridMap
@@ -55,22 +55,32 @@ def _put_in_place(grid: GridMap, cells: MapCells) -> None:
     grid.renew_fields()
 
 
-def save_map(grid: GridMap, yaml_file: Path) -> None:
-    """Write a map as a YAML file and an image of the same name beside it.
+def save_map(grid: GridMap, yaml_file: Path, files: Batch | None = None) -> None:
+    """Write a map as a YAML file and an image of the same name beside it: both, or none.
 
     Args:
         grid: The map.
         yaml_file: The file to write; the image has the suffix ``.pgm``.
+        files: Files that the map belongs to; None if it belongs to no others.
+
+    Raises:
+        InputError: A file cannot be written.
     """
+    if files is None:
+        with written_together() as both:
+            save_map(grid, yaml_file, both)
+        return
     picture = yaml_file.with_suffix(".pgm")
     values = np.full(grid.log_odds.shape, UNKNOWN, np.uint8)
     values[grid.log_odds < 0.0] = FREE
     values[grid.occupied] = OCCUPIED
     rows, columns = values.shape
     header = f"P5\n# simloop, {grid.resolution_m:.9g} m a cell\n{columns} {rows}\n255\n"
-    write_bytes(picture, header.encode("ascii") + values[::-1].tobytes())  # first row is at the top
+    files.write_bytes(
+        picture, header.encode("ascii") + values[::-1].tobytes()
+    )  # first row is at the top
     x, y = grid.origin_m.tolist()
-    write_text(
+    files.write_text(
         yaml_file,
         f"image: {picture.name}\nmode: trinary\nresolution: {grid.resolution_m!r}\n"
         f"origin: [{x!r}, {y!r}, 0.0]\nnegate: 0\n"

@@ -25,6 +25,7 @@ from llvmlite import ir
 from mujoco.introspect import ast_nodes
 from mujoco.introspect.structs import STRUCTS
 from numba import carray, njit, types
+from numba import config as numba_config
 from numba.extending import intrinsic
 
 from simloop.physics.track_model import ContactArrays
@@ -135,8 +136,11 @@ def find_engine(model: mujoco.MjModel, data: mujoco.MjData) -> Engine | None:
     Returns:
         The addresses; None where they cannot be trusted, because MuJoCo's description of its
         structs is missing a type, its library is not found or of another version, or the bindings
-        say otherwise.
+        say otherwise. None also where kernels are not compiled (NUMBA_DISABLE_JIT=1), because only
+        compiled code can call an address.
     """
+    if numba_config.DISABLE_JIT:
+        return None
     return _engine(model, data) if _is_trusted() else None
 
 

@@ -20,6 +20,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import config as numba_config
 from numba import njit
 from numpy.typing import NDArray
 
@@ -174,7 +175,7 @@ def state_block(wheels: int) -> NDArray[np.void]:
         )
     block = np.zeros(1, STATE_BLOCK)
     block["wheels"], block["main"] = wheels, -1
-    return block
+    return _with_names(block)
 
 
 def as_block(values: tuple[float, ...]) -> NDArray[np.void]:
@@ -187,7 +188,23 @@ def as_block(values: tuple[float, ...]) -> NDArray[np.void]:
         (1,) with the tuple's fields.
     """
     kind = np.dtype([(name, np.float64) for name in values._fields])  # type: ignore[attr-defined]
-    return np.array([tuple(values)], kind)
+    return _with_names(np.array([tuple(values)], kind))
+
+
+def _with_names(block: NDArray[np.void]) -> NDArray[np.void]:
+    """Let uncompiled kernels (NUMBA_DISABLE_JIT=1) read a row's fields as compiled ones do."""
+    return block.view(np.dtype((_Row, block.dtype))) if numba_config.DISABLE_JIT else block
+
+
+class _Row(np.record):  # type: ignore[misc]
+    """A row whose fields come before numpy's own methods of the same name, such as ``mean``."""
+
+    def __getattribute__(self, name: str) -> Any:
+        fields = super().__getattribute__("dtype").fields or {}
+        return self[name] if name in fields else super().__getattribute__(name)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        self[name] = value
 
 
 class ContactArrays(NamedTuple):

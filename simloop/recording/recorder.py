@@ -60,7 +60,8 @@ _FLUSH_NS = 1_000_000_000
 class RerunRecorder:
     """Writes a run into an ``.rrd`` file. In any failure it is readable up to its last second.
 
-    A failure to write is reported once, and the run continues without recording.
+    A failure to write is reported once, and the run continues without recording. A recording that
+    was cut keeps a temporary name, see `RecordingFile`.
     """
 
     def __init__(self, path: str | Path, scene: Scene) -> None:
@@ -112,11 +113,30 @@ class RerunRecorder:
             gaps = [np.nan if r.gap_percent is None else r.gap_percent for r in known]
             self._file.send_scalars("plan_gap_percent", times, gaps)
 
-    def close(self) -> None:
-        """Write the remaining messages and the file's footer. May be called twice."""
+    @property
+    def path(self) -> Path:
+        """The file as it is named now."""
+        return self._file.path
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the file still takes messages."""
+        return self._file.is_open
+
+    def close(self, whole: bool = True) -> None:
+        """Write the remaining messages and the file's footer. May be called twice.
+
+        Args:
+            whole: Whether the run went to its end, so that the file gets its own name.
+
+        Raises:
+            OSError: The file cannot be renamed.
+        """
         if self._file.is_open:
-            self._write()
-            self._file.close()
+            try:
+                self._write()
+            finally:
+                self._file.close(whole)
 
     def _write(self) -> None:
         """Write all kept messages and flush the file."""

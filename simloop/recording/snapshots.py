@@ -16,6 +16,7 @@ import cv2
 import mujoco
 import numpy as np
 
+from simloop.common.files import make_directory, written_together
 from simloop.config import VehicleConfig
 from simloop.messages import (
     Estimate,
@@ -122,17 +123,19 @@ class Snapshots:
             The path of the sheet; None if there was no message.
 
         Raises:
-            OSError: A file cannot be written.
+            InputError: A file cannot be written; then there is none of them.
+            OSError: A picture cannot be encoded.
         """
         chosen = self.chosen_moments()
         if not chosen:
             return None
-        self._directory.mkdir(parents=True, exist_ok=True)
+        make_directory(self._directory)
         tiles = self._tiles(chosen)
-        for number, tile in enumerate(tiles, start=1):
-            _write(self._directory / f"moment_{number}.png", tile)
         sheet = self._directory / "contact_sheet.png"
-        _write(sheet, self._sheet(tiles))
+        with written_together() as files:
+            for number, tile in enumerate(tiles, start=1):
+                files.write_bytes(self._directory / f"moment_{number}.png", _png(tile))
+            files.write_bytes(sheet, _png(self._sheet(tiles)))
         return sheet
 
     def _keep(self, message: Published) -> None:
@@ -245,8 +248,8 @@ class Snapshots:
         return sheet
 
 
-def _write(path: Path, image: Image) -> None:
+def _png(image: Image) -> bytes:
     done, png = cv2.imencode(".png", image)
     if not done:
-        raise OSError(f"could not encode {path}")
-    path.write_bytes(png.tobytes())
+        raise OSError("a picture of the run could not be encoded as PNG")
+    return bytes(png.tobytes())

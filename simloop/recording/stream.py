@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from simloop.common.errors import InputError
+from simloop.common.files import temporary_name
 from simloop.messages import FloatArray
 from simloop.recording.columns import lifted
 
@@ -28,9 +30,13 @@ _log = logging.getLogger(__name__)
 class RecordingFile:
     """A recording that stays readable up to its last flush after any failure.
 
+    It is written under a temporary name beside its own, ``run.partial-<random>.rrd``, and gets its
+    own name when it is whole. A recording that was cut keeps the temporary name.
+
     Attributes:
         rr: The recording library.
         is_open: Whether the file still accepts data.
+        path: The file as it is named now.
     """
 
     def __init__(self, path: Path, blueprint: rrb.Blueprint, title: str) -> None:
@@ -44,22 +50,30 @@ class RecordingFile:
         Raises:
             OSError: The file cannot be opened.
         """
-        # Open the file here first, because the library's error for a bad path is not an OSError.
-        with open(path, "ab"):
-            pass
+        # Make the file here first, because the library's error for a bad path is not an OSError.
+        special = path.exists() and not path.is_file()  # a device or a FIFO cannot be replaced
+        try:
+            str(path).encode("utf-8")  # the library takes no other names
+            self.path = path if special else temporary_name(path)
+        except UnicodeEncodeError:
+            raise OSError(f"cannot record to {path}: its name is not UTF-8") from None
+        except InputError as error:
+            raise OSError(str(error)) from None
+        self._target = path
         # On a full disk the library's own log has three lines. ``_give_up`` writes one line.
         os.environ.setdefault("RUST_LOG", "off")
         import rerun as rr
 
         self.rr, self.is_open = rr, True
-        self._path, self._flushed_bytes = path, 0
+        self._flushed_bytes = 0
         self._stream = rr.RecordingStream("simloop")
         self._stream.set_log_time_enabled(False)
         self._stream.set_log_tick_enabled(False)
         try:
-            self._stream.save(path, blueprint)
+            self._stream.save(self.path, blueprint)
         except RuntimeError as error:
             self._stream.disconnect()
+            self._remove()
             raise OSError(f"cannot record to {path}: {error}") from None
         if title:
             self._stream.send_recording_name(title)
@@ -158,20 +172,39 @@ class RecordingFile:
         """Write to disk. If that fails, log one line and accept no more data."""
         try:
             self._stream.flush(timeout_sec=_FLUSH_TIMEOUT_S)
-            self._flushed_bytes = self._path.stat().st_size
+            self._flushed_bytes = self.path.stat().st_size
         except (RuntimeError, TimeoutError, ValueError, OSError) as error:
             self._give_up(error)
 
-    def close(self) -> None:
-        """Write the footer and close. May be called twice."""
+    def close(self, whole: bool = True) -> None:
+        """Write the footer and close. May be called twice.
+
+        Args:
+            whole: Whether the recording is complete, so that the file gets its own name.
+
+        Raises:
+            OSError: The file cannot be renamed.
+        """
         if self.is_open:
             self.is_open = False
             self._stream.disconnect()
+            if whole and self.path != self._target:
+                self.path.replace(os.path.realpath(self._target))
+                self.path = self._target
+
+    def _remove(self) -> None:
+        """Remove a recording that could not begin."""
+        if self.path != self._target:
+            self.path.unlink(missing_ok=True)
 
     def _give_up(self, error: Exception) -> None:
         """Log the error, and cut off the incomplete end, which a strict reader rejects."""
         self.is_open = False
-        _log.error("recording stopped, %s ends with the last complete write: %s", self._path, error)
+        _log.error(
+            "recording stopped, it is kept up to its last complete write in %s: %s",
+            self.path,
+            error,
+        )
         # The library may wait for ever for its dead writer, here and again when Python exits.
         parting = threading.Thread(target=self._stream.disconnect, daemon=True)
         parting.start()
@@ -179,4 +212,4 @@ class RecordingFile:
         if parting.is_alive():
             self.rr.unregister_shutdown()
         with contextlib.suppress(OSError):
-            os.truncate(self._path, self._flushed_bytes)
+            os.truncate(self.path, self._flushed_bytes)

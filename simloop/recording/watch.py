@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,11 +20,20 @@ if TYPE_CHECKING:
     from simloop.recording.snapshots import Snapshots
 
 
+def _never() -> bool:
+    return False
+
+
+def _hidden(done: int) -> None:
+    """Show no progress."""
+
+
 @contextmanager
 def watch(scenario: Scenario, world: World, outputs: Outputs) -> Iterator[Watch]:
     """Watch one run: its ``listeners`` go to the simulation. Leaving the context closes the files.
 
-    If the body raises, the recording is closed as it is, and no picture is drawn. Example:
+    If the body raises, the recording is closed as it is and keeps its temporary name, which a note
+    on the error tells, and no picture is drawn. Example:
 
         with watch(scenario, world, Outputs(recording=Path("run.rrd"))) as watched:
             Simulation(scenario, watched.listeners, world=world).run()
@@ -44,6 +53,11 @@ def watch(scenario: Scenario, world: World, outputs: Outputs) -> Iterator[Watch]
     try:
         yield watched
         watched.finish()
+    except BaseException as error:
+        kept = watched.give_up()
+        if kept is not None:
+            error.add_note(f"what was recorded until then is kept in {kept}")
+        raise
     finally:
         watched.close()
 
@@ -72,15 +86,31 @@ class Watch:
             self._pictures = snapshots_for(outputs.snapshots, scenario, world)
             self.listeners.append(self._pictures.offer)
 
-    def plan_figures(self) -> dict[str, Any]:
+    def plan_figures(
+        self, stop: Callable[[], bool] = _never, show: Callable[[int], None] = _hidden
+    ) -> dict[str, Any]:
         """Compare each plan with the exact optimum, for the result file.
+
+        Args:
+            stop: Called before each optimum; True ends the work, the rest has no optimum.
+            show: Called with the number of optima that are done.
 
         Returns:
             ``plans``: one table for each plan; empty if there is no plan log.
         """
         if self._plans is None:
             return {}
-        return {"plans": [asdict(record) for record in self._records(self._plans)]}
+        return {"plans": [asdict(record) for record in self._records(self._plans, stop, show)]}
+
+    @property
+    def plan_count(self) -> tuple[int, int]:
+        """Number of plans so far, and of those whose optimum is computed."""
+        return (0, 0) if self._plans is None else (self._plans.plans, self._plans.optima)
+
+    @property
+    def recording(self) -> Path | None:
+        """The recording as it is named now; None if there is none."""
+        return None if self._recorder is None else self._recorder.path
 
     def finish(self) -> None:
         """Write the plans' gaps, close the recording and draw the pictures. Runs only once.
@@ -98,14 +128,31 @@ class Watch:
             self._pictures.finish()
 
     def close(self) -> None:
-        """Close the recording as it is. May be called twice."""
+        """Close the recording, which is then complete. May be called twice."""
         if self._recorder is not None:
             self._recorder.close()
 
-    def _records(self, plans: PlanLog) -> list[PlanRecord]:
+    def give_up(self) -> Path | None:
+        """Close the recording of a run that was cut. It keeps its temporary name.
+
+        Returns:
+            The recording that is kept; None if there is none, or if it is complete already.
+        """
+        if self._recorder is None or not self._recorder.is_open:
+            return None
+        with suppress(Exception):  # there is a first error already, which is the one to tell
+            self._recorder.close(whole=False)
+        return self._recorder.path
+
+    def _records(
+        self,
+        plans: PlanLog,
+        stop: Callable[[], bool] = _never,
+        show: Callable[[int], None] = _hidden,
+    ) -> list[PlanRecord]:
         """Compute the plan records only once, because each takes about 40 ms."""
         if self._plan_records is None:
-            self._plan_records = plans.records()
+            self._plan_records = plans.records(stop, show)
         return self._plan_records
 
 

@@ -10,13 +10,19 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from simloop.common.errors import InputError
-from simloop.common.files import check_directory, check_file, write_text
+from simloop.common.files import (
+    FilePlan,
+    folder_lock,
+    make_directory,
+    temporary_name,
+    written_together,
+)
 from simloop.common.terminal import print_table
 from simloop.mapping.map_files import save_map
 from simloop.messages import FloatArray
 from simloop.replay.recording import record
 from simloop.replay.result import Replay
+from simloop.scenario.inputs import files_behind
 
 STDOUT = Path("-")
 """Path that means the standard output."""
@@ -43,16 +49,14 @@ class ReplayFiles:
         Raises:
             InputError: if a file cannot be written, or would overwrite an input file.
         """
-        sources = {path.resolve() for path in read if path is not None}
-        if self.directory is not None:
-            check_directory(self.directory, "--out")
-            for file in (self.map_file, self.map_file.with_suffix(".pgm"), self.trajectory):
-                if file.resolve() in sources:
-                    raise InputError(f"--out {self.directory}: would overwrite {file}")
-        if self.figures is not None and self.figures != STDOUT:
-            check_file(self.figures, "--json")
-            if self.figures.resolve() in sources:
-                raise InputError(f"--json {self.figures}: would overwrite an input file")
+        plan = FilePlan()
+        for path in read:
+            if path is not None:
+                plan.reads_all(files_behind(path, f"an input file ({path})"))
+        names = ("map.yaml", "map.pgm", "trajectory.tum", "replay.rrd")
+        plan.writes_into(self.directory, "--out", names)
+        plan.writes(None if self.figures == STDOUT else self.figures, "--json")
+        plan.check()
 
     @property
     def map_file(self) -> Path:
@@ -91,27 +95,32 @@ def to_tum(t_s: FloatArray, poses: FloatArray) -> str:
 
 
 def write(replay: Replay, files: ReplayFiles) -> None:
-    """Write map, trajectory and recording, if a directory is given.
+    """Write map, trajectory and recording, if a directory is given: all of them, or none.
 
     Args:
         replay: the result.
         files: the output paths.
 
     Raises:
-        InputError: if the directory cannot be created.
-        OSError: if a file cannot be written.
+        InputError: if the directory cannot be created, another process writes there, or a file
+            cannot be written.
+        OSError: if the recording cannot be written.
     """
     if files.directory is None:
         return
-    try:
-        files.directory.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"--out {files.directory}: cannot be created: {error.strerror}") from None
-    save_map(replay.map, files.map_file)
+    make_directory(files.directory)
     known = np.isfinite(replay.trajectory[:, 0])
     times = replay.log.t_s[: len(replay.trajectory)]
-    write_text(files.trajectory, to_tum(times[known], replay.trajectory[known]))
-    record(files.recording, replay)
+    with folder_lock(files.directory):
+        recording = temporary_name(files.recording)
+        try:
+            record(recording, replay)
+            with written_together() as batch:
+                save_map(replay.map, files.map_file, batch)
+                batch.write_text(files.trajectory, to_tum(times[known], replay.trajectory[known]))
+            recording.replace(files.recording)
+        finally:
+            recording.unlink(missing_ok=True)
 
 
 def print_figures(console: Console, figures: dict[str, Any]) -> None:

@@ -43,6 +43,8 @@ def _describe(detail: ErrorDetails) -> str:
         return f"{key}: this key is required"
     if kind == "keys_clash":
         return detail["msg"]
+    if kind == "too_small":
+        return f"{key}: {detail['msg']}, not {short_value(given)}"
     if kind == "value_error":
         return f"{key}: {detail['msg'].removeprefix('Value error, ')}"
     if kind == "finite_number":

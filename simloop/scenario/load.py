@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import stat
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
@@ -15,6 +16,15 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from simloop.common.errors import InputError, did_you_mean
+from simloop.common.input_files import read_bytes
+from simloop.common.limits import (
+    INTEGER_BITS,
+    NAME_CHARACTERS,
+    NESTING,
+    SCENARIO_BYTES,
+    TEXT_CHARACTERS,
+    check_limit,
+)
 from simloop.common.map_server import read_cells
 from simloop.config import MOVED_KEYS, REMOVED_KEYS, Config
 from simloop.planners import registry
@@ -52,7 +62,9 @@ def load(
     """
     file = resolve(name_or_path)
     table = read_toml(file)
-    table.setdefault("name", file.stem)
+    # A file's name may have bytes that are no characters.
+    stem = file.stem.encode("utf-8", "replace").decode("utf-8")
+    table.setdefault("name", stem[:NAME_CHARACTERS])
     _move_old_keys(table, str(name_or_path))
     _make_paths_full(table, file.parent)
     for text in overrides:
@@ -147,10 +159,19 @@ def resolve(name_or_path: str | Path) -> Path:
     if text in known:
         return known[text]
     path = Path(text)
-    if path.is_file():
-        return path
+    try:
+        mode = path.stat().st_mode
+    except (OSError, ValueError) as error:
+        missing = isinstance(error, FileNotFoundError | NotADirectoryError)
+        what = "no such file" if missing else getattr(error, "strerror", None) or str(error)
+    else:
+        if stat.S_ISREG(mode):
+            return path
+        directory = stat.S_ISDIR(mode)
+        what = "is a directory, not a scenario file" if directory else "not a regular file"
+        if not directory:
+            raise InputError(f"{text}: {what}")
     if path.suffix or len(path.parts) > 1:
-        what = "is a directory, not a scenario file" if path.is_dir() else "no such file"
         raise InputError(f"{text}: {what}; the scenarios of the package: {', '.join(known)}")
     raise InputError(f"unknown scenario '{text}'{did_you_mean(text, known)}")
 
@@ -168,15 +189,18 @@ def read_toml(path: Path) -> dict[str, Any]:
         InputError: the file cannot be read or is not TOML.
     """
     try:
-        table = tomllib.loads(path.read_bytes().decode("utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+        table = tomllib.loads(read_bytes(path, SCENARIO_BYTES).decode("utf-8-sig"))
+    except InputError:
+        raise
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not a text file (byte {error.start} is not UTF-8)") from None
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not valid TOML: {error}") from None
-    except (ValueError, RecursionError) as error:
+    except RecursionError:
+        raise InputError(f"{path}: nested more than {NESTING} deep") from None
+    except (ValueError, MemoryError) as error:
         raise InputError(f"{path}: not usable TOML: {error}") from None
+    check_values(table, str(path))
     table.pop("versions", None)
     return table
 
@@ -195,6 +219,9 @@ def apply_override(table: dict[str, Any], text: str) -> None:
     text = shorten(text)
     key = MOVED_KEYS.get(".".join(part.strip() for part in key.split(".")), key)
     parts = [part.strip() for part in key.split(".")]
+    if len(parts) > NESTING:
+        raise InputError(f"--set {text}: the key has more than {NESTING} parts")
+    check_values(dict.fromkeys(parts), f"--set {text}")
     if not equals or not all(parts):
         raise InputError(f"--set {text}: write it as key=value, e.g. --set 'goal=[3.0,2.5]'")
     node: Any = table
@@ -218,7 +245,10 @@ def parse_value(value: str, text: str) -> Any:
     """
     try:
         parsed = tomllib.loads(f"value = {value}")
-    except (ValueError, RecursionError):
+    except RecursionError:
+        deep = f"nested more than {NESTING} deep"
+        raise InputError(f"--set {text}: not a TOML value on the right: {deep}") from None
+    except ValueError:
         if _BARE_WORD.match(value.strip()):
             return value.strip()
         raise InputError(
@@ -226,7 +256,38 @@ def parse_value(value: str, text: str) -> Any:
         ) from None
     if set(parsed) != {"value"}:
         raise InputError(f"--set {text}: one value at a time")
+    check_values(parsed["value"], f"--set {text}")
     return parsed["value"]
+
+
+def check_values(value: Any, where: str) -> None:
+    """Check that values are small enough to be validated and quoted.
+
+    Args:
+        value: a value as TOML has it, with all values in it.
+        where: where it comes from, for the error.
+
+    Raises:
+        InputError: it is nested too deep, or it has a name, text or integer that is too long.
+    """
+    level = [value]
+    for _ in range(NESTING):
+        inner: list[Any] = []
+        for one in level:
+            if isinstance(one, dict):
+                for key in one:
+                    check_limit(len(key), NAME_CHARACTERS, f"{where}: length of the key '{key}'")
+                inner += one.values()
+            elif isinstance(one, list):
+                inner += one
+            elif isinstance(one, str):
+                check_limit(len(one), TEXT_CHARACTERS, f"{where}: length of a text")
+            elif isinstance(one, int):
+                check_limit(one.bit_length(), INTEGER_BITS, f"{where}: bits of an integer")
+        level = inner
+        if not level:
+            return
+    raise InputError(f"{where}: nested more than {NESTING} deep")
 
 
 def from_table(table: Mapping[str, Any], *, source: str) -> Scenario:
@@ -306,6 +367,6 @@ def _assign(node: Any, part: str, value: Any, where: str) -> None:
 
 
 def _index(node: list[Any], part: str, where: str) -> int:
-    if not part.isdecimal() or int(part) >= len(node):
+    if not part.isdecimal() or len(part) > 9 or int(part) >= len(node):
         raise InputError(f"{where}: index must be 0 to {len(node) - 1}")
     return int(part)

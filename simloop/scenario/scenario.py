@@ -12,6 +12,7 @@ from typing import Annotated
 from pydantic import Field, model_validator
 from pydantic.dataclasses import dataclass
 
+from simloop.common.limits import NAME_CHARACTERS, TEXT_CHARACTERS
 from simloop.common.quantities import (
     STRICT,
     Coordinate,
@@ -80,12 +81,12 @@ class Scenario:
         config: every setting of robot, sensors and physics.
     """
 
-    name: str
-    start: tuple[Coordinate, Coordinate, float]
+    name: Annotated[str, Field(max_length=NAME_CHARACTERS)]
+    start: tuple[Coordinate, Coordinate, Coordinate]
     goal: Point
     arena: str = "field"
-    title: str = ""
-    description: str = ""
+    title: Annotated[str, Field(max_length=NAME_CHARACTERS)] = ""
+    description: Annotated[str, Field(max_length=TEXT_CHARACTERS)] = ""
     seed: Count = 0
     time_limit_s: Positive = 60.0
     goal_tolerance_m: Positive = 0.10

@@ -11,6 +11,7 @@ import pytest
 from simloop.benchmarks.planners.scenes import scene
 from simloop.cli.main import run_scenario
 from simloop.config import PlannerConfig, VehicleConfig
+from simloop.evaluation import plan_gap
 from simloop.evaluation.plan_gap import PlanLog, least_cost
 from simloop.planners.protocol import PlanningTask
 from simloop.planners.reference.exact import exact_path
@@ -98,3 +99,40 @@ def test_the_result_of_a_run_holds_each_replan(tmp_path):
     assert plans[0]["reason"] == "first" and plans[0]["planner"] == "tlbo"
     assert all(p["cost"] > 0.0 for p in plans)
     assert any(p["gap_percent"] is not None for p in plans)
+
+
+def log_of(count, discs=None):
+    """A log of plans with one view each, of a given number of discs."""
+    one, plan = planned()
+    view = one.world
+    if discs is not None:
+        xyr = np.column_stack([np.linspace(0.0, 9.0, discs), np.full(discs, 50.0), np.ones(discs)])
+        view = replace(view, discs_xyr_m=xyr)
+    log = PlanLog(CONFIG)
+    for at in range(count):
+        log.offer(replace(plan, t_ns=at))
+        log.offer(replace(view, t_ns=at))
+    return log
+
+
+def test_the_optima_of_a_run_can_be_stopped():
+    asked = []
+    records = log_of(6).records(stop=lambda: asked.append(0) or len(asked) > 2)
+    assert [r.exact_cost is not None for r in records] == [True, True, False, False, False, False]
+    assert all(r.gap_percent is None for r in records[2:]) and records[5].cost == records[0].cost
+
+
+def test_optima_have_a_budget_and_are_spread_over_a_long_run(monkeypatch):
+    log = log_of(40, discs=300)
+    assert (log.plans, log.optima) == (40, 20)  # 300^3 x 40 is above the budget
+    assert log_of(3, discs=500).optima == 0  # one alone would take too long
+    discs = len(planned()[0].world.discs_xyr_m)
+    monkeypatch.setattr(plan_gap, "_MOST_WORK", 4 * (discs + 2) ** 3)
+    known = [record.exact_cost is not None for record in log_of(9).records()]
+    assert known == [at % 4 == 0 for at in range(9)]
+
+
+def test_a_log_keeps_little_of_each_plan():
+    log = log_of(1)
+    kept = log._plans[0]
+    assert kept.candidates_m == () and len(kept.history) == 0

@@ -174,8 +174,9 @@ def test_an_unfinished_file_is_readable_up_to_its_last_second(tmp_path: Path) ->
     recorder = recorder_to(path)
     for message in SyntheticRun(MODEL, 3.5).messages():
         recorder.offer(message)
-    # Nobody closed it: as after a kill.
-    times, _ = scalars(read(path)["/plots/speed/true"])
+    # Nobody closed it: as after a kill. It has no right to its name yet.
+    assert not path.exists() and recorder.path.parent == tmp_path
+    times, _ = scalars(read(recorder.path)["/plots/speed/true"])
     assert times[-1] >= 2_900_000_000
     recorder.close()
     times, _ = scalars(read(path)["/plots/speed/true"])
@@ -207,8 +208,10 @@ def test_a_full_disk_gives_one_line_and_a_readable_file(tmp_path: Path, most_byt
     )
     assert done.stdout == "the run went on\n"
     assert len(done.stderr.strip().splitlines()) == 1, done.stderr
-    assert "recording stopped" in done.stderr
-    times, _ = scalars(read(path)["/plots/speed/true"])
+    (kept,) = tmp_path.iterdir()  # cut, so without its final name
+    assert "recording stopped" in done.stderr and str(kept) in done.stderr
+    assert kept.name.startswith("full.partial-") and kept.suffix == ".rrd"
+    times, _ = scalars(read(kept)["/plots/speed/true"])
     assert 0 < len(times) < 501
 
 

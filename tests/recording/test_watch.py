@@ -64,9 +64,13 @@ def test_an_error_closes_the_recording_and_draws_nothing(tmp_path: Path) -> None
     def stop(sim_time_s: float, to_go_m: float) -> bool:
         raise ZeroDivisionError
 
-    with pytest.raises(ZeroDivisionError), watch(SHORT, world, outputs) as watched:
+    outputs.recording.write_text("of an earlier run")
+    with pytest.raises(ZeroDivisionError) as caught, watch(SHORT, world, outputs) as watched:
         Simulation(SHORT, watched.listeners, world=world).run(stop)
-    times, _ = scalars(read(outputs.recording)["/plots/speed/true"])
+    assert outputs.recording.read_text() == "of an earlier run"
+    (kept,) = tmp_path.glob("run.partial-*.rrd")
+    assert str(kept) in caught.value.__notes__[0]
+    times, _ = scalars(read(kept)["/plots/speed/true"])
     assert times[-1] == 200_000_000
     assert not outputs.snapshots.exists()
 

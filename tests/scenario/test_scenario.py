@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import string
 import subprocess
 import sys
@@ -20,7 +21,8 @@ from simloop.mapping.grid_map import GridMap
 from simloop.scenario.build import build_world, nearest
 from simloop.scenario.catalog import arena_files, planner_names, scenario_facts, scenario_files
 from simloop.scenario.explain import keys_at
-from simloop.scenario.load import apply_override, from_table, load
+from simloop.scenario.inputs import files_behind, input_files
+from simloop.scenario.load import apply_override, from_table, load, resolve
 from simloop.scenario.save import to_toml
 from simloop.scenario.scenario import Scenario
 
@@ -371,3 +373,72 @@ def test_a_whole_file_saved_by_an_older_version_is_the_same_run():
 def test_limits_that_do_not_agree_are_refused(override, text):
     with pytest.raises(InputError, match=text):
         load("open", [override])
+
+
+def test_nothing_in_a_scenario_is_too_deep_too_long_or_endless(tmp_path):
+    deep, name = "[" * 3000 + "1" + "]" * 3000, "a." * 3000 + "b"
+    for override, expected in (
+        (f"goal={deep}", "more than 64 deep"),
+        (f"{name}=1", "more than 64 parts"),
+        ("x=" + "[" * 80 + "]" * 80, "more than 64 deep"),
+        ("seed=0x" + "f" * 400, "seed: must be less than"),
+        ("seed=0x" + "f" * 4000, "bits of an integer"),
+        ("goal=[0x" + "f" * 400 + ", 0]", "goal.0: must be a finite number"),
+        ("goal=[1e999, 0]", "goal.0: must be a finite number"),
+        ("start=[0, 0, 1e300]", "start.2: must be less than"),
+        ("n" * 300 + "=1", "length of the key"),
+        ("title='" + "n" * 300 + "'", "title: "),
+        ("description='" + "n" * 20_000 + "'", "length of a text"),
+        ("slam.grain_m=1e-300", "slam.grain_m: must be greater"),
+        ("smoother.extra_room_m=1e-300", "smoother.extra_room_m: must be 0 or at least 1e-09"),
+        ("imu.gyro_bias_radps=1000", "imu.gyro_bias_radps: must be less"),
+    ):
+        error = error_of("experiment", [override])
+        assert expected in error and len(error) <= 1000 and error.isprintable(), error
+    file = tmp_path / "x.toml"
+    for text, expected in (
+        (f"goal = {deep}", "more than 64 deep"),
+        (f"{name} = 1", "deep"),
+        ("x = 0x" + "f" * 400_000, "bits of an integer"),
+        ("x = 1" + "0" * 5000, "not usable TOML"),
+        ("# " + "x" * 2**20, "larger than 1 MiB"),
+        ("\x1b[2J = 1", "not valid TOML"),
+        ('"\\u001b[2J" = 1', "unknown key"),
+    ):
+        file.write_text(text)
+        error = error_of(file)
+        assert expected in error and len(error) <= 1000 and error.isprintable(), error
+    os.mkfifo(tmp_path / "fifo.toml")
+    assert "not a regular file" in error_of(tmp_path / "fifo.toml")
+    assert "not a regular file" in error_of("/dev/zero")
+    (tmp_path / "loop.toml").symlink_to("loop.toml")
+    assert "symbolic links" in error_of(tmp_path / "loop.toml")
+    assert "too long" in error_of("n" * 5000 + ".toml")
+
+
+def test_every_file_behind_a_scenario_counts_as_read(tmp_path):
+    (tmp_path / "parts").mkdir()
+    for name in ("room.pgm", "parts/wall.stl", "parts/part.xml", "ground.png"):
+        (tmp_path / name).write_bytes(b"")
+    (tmp_path / "parts" / "part.xml").write_text('<mujoco><mesh file="wall.stl"/></mujoco>')
+    (tmp_path / "room.yaml").write_text("\"image\": 'room.pgm' # a comment\nresolution: 1\n")
+    (tmp_path / "arena.xml").write_text(
+        '<mujoco><compiler meshdir="parts"/><include file="parts/part.xml"/></mujoco>'
+    )
+    found = files_behind(tmp_path / "arena.xml", "the arena")
+    assert {path.name for path in found} == {"arena.xml", "part.xml", "wall.stl"}
+    found = files_behind(tmp_path / "room.yaml", "the map")
+    assert found[tmp_path / "room.pgm"] == "a file of the map"
+    plain = input_files(load("experiment"), resolve("experiment"))
+    assert {"experiment.xml", "experiment.toml", "tracked_ugv.xml"} <= {p.name for p in plain}
+
+
+@given(st.binary(max_size=200), st.integers(0, 2000), st.integers(0, 60))
+def test_a_damaged_file_is_refused_in_one_line(tmp_path_factory, noise, at, cut):
+    whole = resolve("clutter").read_bytes()
+    file = tmp_path_factory.mktemp("damaged") / "x.toml"
+    file.write_bytes(whole[:at] + noise + whole[at + cut :])
+    try:
+        load(file)
+    except InputError as error:
+        assert str(error).isprintable() and len(str(error)) <= 1000
