@@ -8,6 +8,7 @@ temporary names first, which are then renamed. `folder_lock` keeps a second proc
 from __future__ import annotations
 
 import errno
+import fcntl
 import logging
 import os
 import secrets
@@ -18,11 +19,6 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from simloop.common.errors import InputError
-
-try:
-    import fcntl
-except ImportError:  # not on Windows, where folders cannot be locked this way
-    fcntl = None  # type: ignore[assignment]
 
 _log = logging.getLogger(__name__)
 
@@ -379,8 +375,6 @@ def folder_lock(*folders: Path | None) -> Iterator[None]:
         InputError: If another process holds a lock on a folder.
     """
     with ExitStack() as locks:
-        if fcntl is None:
-            folders = ()
         for folder in dict.fromkeys(os.path.realpath(one) for one in folders if one is not None):
             try:
                 handle = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
