@@ -16,7 +16,7 @@ from simloop.common.profiler import NullProfiler, Stopwatch
 from simloop.geometry.se2 import between, compose
 from simloop.graph_slam.closures import ClosureFinder
 from simloop.graph_slam.pose_graph import Edge, PoseGraph, rotated_covariance
-from simloop.graph_slam.scan_tracker import ScanTracker
+from simloop.graph_slam.scan_tracker import LEAST_POINTS, ScanTracker
 from simloop.graph_slam.settings import MappingConfig
 from simloop.graph_slam.submap import Submap
 from simloop.mapping.grid_map import GridMap
@@ -68,6 +68,7 @@ class GraphMapper:
         self._locals: list[FloatArray] = []
         self._trail: list[tuple[int, FloatArray]] = []
         self._lost = 0
+        self._fitted = False
         self._submap_ended = False
 
     @property
@@ -109,11 +110,16 @@ class GraphMapper:
         self._tracker.predict(motion)
         with self._time["match"]:
             matched = self._tracker.match(self._active[0].grid, points, motion)
-        self.unmatched += not matched
+        self._fitted |= matched
+        # Until a scan has fitted, the map may be empty or wrong: the first scans of a log may be
+        # blind or dazzled. Then a robot that stands would never enter another scan.
+        begins = not self._fitted and len(points) >= LEAST_POINTS
+        empty = begins and not self._active[0].grid.occupied.any()
+        self.unmatched += not matched and not empty
         off = between(self._locals[-1], self._tracker.pose)
         far = math.hypot(off[0], off[1]) >= self._config.keyframe_m
-        if far or abs(off[2]) >= self._config.keyframe_rad:
-            self._keyframe(points, origins, matched)
+        if begins or far or abs(off[2]) >= self._config.keyframe_rad:
+            self._keyframe(points, origins, matched or empty)
             return True
         self._trail.append((len(self._locals) - 1, off))
         return False
