@@ -23,6 +23,9 @@ LOG_SCANS = 500_000
 LOG_READINGS = 100_000_000
 """Ranges of a recorded log, all scans together; each takes four bytes."""
 
+LOG_LINES = 10_000_000
+"""Lines of a recorded log."""
+
 LOG_LINE_BYTES = 4 * 2**20
 """Length of a line of a recorded log."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import io
 import zlib
 from collections.abc import Iterator
 from dataclasses import replace
@@ -11,14 +12,20 @@ from typing import BinaryIO
 
 from simloop.common.errors import InputError
 from simloop.common.input_files import open_regular
-from simloop.common.limits import LOG_BYTES, LOG_LINE_BYTES, LOG_UNPACKED_TIMES, check_limit
+from simloop.common.limits import (
+    LOG_BYTES,
+    LOG_LINE_BYTES,
+    LOG_LINES,
+    LOG_UNPACKED_TIMES,
+    check_limit,
+)
 from simloop.replay.carmen import parse_carmen
 from simloop.replay.laser_log import LaserLog
 from simloop.replay.npz_log import read_npz
 
 _CARMEN_SUFFIXES = (".log", ".clf", ".carmen", ".txt")
 _GZIP, _MAGIC = ".gz", b"\x1f\x8b"
-_FREE_BYTES = 2**24  # a packed log may unpack to so much whatever its file's size
+_FREE_BYTES = 2**22  # a packed log may unpack to so much whatever its file's size
 
 
 def read_log(path: Path) -> LaserLog:
@@ -62,7 +69,8 @@ class _Lines:
         file.seek(0)
         self._packed = file.read(2) == _MAGIC
         file.seek(0)
-        self._text = gzip.GzipFile(fileobj=file) if self._packed else file
+        # The buffer makes reading by lines three times faster.
+        self._text = io.BufferedReader(gzip.GzipFile(fileobj=file)) if self._packed else file
 
     def __iter__(self) -> Iterator[str]:
         most = LOG_BYTES
@@ -72,11 +80,11 @@ class _Lines:
         while line := self._line():
             number += 1
             total += len(line)
-            if len(line) > LOG_LINE_BYTES:
-                raise InputError(
-                    f"{self._name}, line {number}: longer than {LOG_LINE_BYTES // 2**20} MiB"
-                )
-            check_limit(total, most, f"{self._name}: unpacked size", "bytes")
+            if total > most or number > LOG_LINES or len(line) > LOG_LINE_BYTES:
+                where = f"{self._name}, line {number}"
+                check_limit(len(line), LOG_LINE_BYTES, f"{where}: length", "bytes")
+                check_limit(number, LOG_LINES, f"{self._name}: lines")
+                check_limit(total, most, f"{where}: size up to here", "bytes")
             yield line.decode("latin-1")
 
     def _line(self) -> bytes:
