@@ -57,14 +57,13 @@ def replay(
     """
     from simloop.common.terminal import counting
     from simloop.graph_slam.settings import MappingConfig
-    from simloop.mapping.map_files import load_map
     from simloop.replay import outputs, session
 
     files = outputs.ReplayFiles(out, json_file)
     files.check(log, relations, prior, prior and prior.with_suffix(".pgm"))
     read, truth = session.load(log, relations)
     config = MappingConfig()
-    known = load_map(prior, config.grid) if prior is not None else None
+    known = session.load_prior(prior, config) if prior is not None else None
     notes = Console(stderr=True)
     outputs.print_notes(notes, read.notes)
     bar = counting(notes, "scans", len(read.t_s))

@@ -20,7 +20,7 @@ LOG_BYTES = 2**30
 LOG_SCANS = 500_000
 """Scans of a recorded log: more than three hours at 40 Hz."""
 
-LOG_READINGS = 100_000_000
+LOG_READINGS = 80_000_000
 """Ranges of a recorded log, all scans together; each takes four bytes."""
 
 LOG_LINES = 10_000_000

@@ -167,7 +167,7 @@ def _poses(scans: list[ScanLine], read: _Lines, notes: list[str]) -> tuple[Float
     if not read.odom:
         notes.append("the log has no odometry: the robot is taken to stand still")
         return np.zeros((len(scans), 3)), by_parameter
-    odom = np.array(read.odom).reshape(-1, 5)
+    odom = np.frombuffer(read.odom).reshape(-1, 5)
     return _odometry_at(scans, odom), by_parameter
 
 

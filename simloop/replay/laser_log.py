@@ -167,13 +167,14 @@ class ScanReader:
             range_max_m: longer ranges are ignored, even if the laser measures farther.
         """
         self._ranges = log.ranges_m
-        longest, glitches = longest_hit_m(log.ranges_m, log.stated_range_m)
+        longest, wrong = longest_hit_m(log.ranges_m, log.stated_range_m)
         self._most = min(longest, range_max_m)
-        self.notes = (
-            [f"{glitches} ranges above the value for no echo, the longest hit is {longest:.4g} m"]
-            if glitches
-            else []
-        )
+        self.notes: list[str] = []
+        if wrong:
+            self.notes.append(
+                f"{wrong} ranges are left out: they are more than the laser measures, which is "
+                f"{longest:.4g} m in this log, and not its value for no echo"
+            )
         heading = log.angles_rad + log.base_from_laser[2]
         self._direction = np.stack((np.cos(heading), np.sin(heading)), axis=1)
         self._origin = log.base_from_laser[:2]

@@ -35,25 +35,23 @@ def longest_hit_m(ranges_m: Ranges, stated_m: float = math.inf) -> tuple[float, 
         stated_m: the laser's maximum range by the log; inf if it states none.
 
     Returns:
-        The limit, m: larger ranges mean that nothing came back, or are glitches. 0 if no reading
-        is a hit. And how many of the readings, or of a sample of them, are glitches.
+        The limit, m: larger ranges mean that nothing came back, or are wrong. 0 if no reading is a
+        hit. And about how many ranges are wrong: larger than the limit, and no error value.
     """
     step = max(1, ranges_m.size // _SAMPLE)
     some = ranges_m[::step]
     readings = np.sort(some[np.isfinite(some)])
-    limit, glitches = np.inf, 0
+    total, wrong = len(readings), 0
+    while (found := _error_value(readings, total)) is not None:
+        least, above = found
+        wrong += above
+        readings = readings[:least]
     if math.isfinite(stated_m):
         limit = stated_m - _WIDTH * max(1.0, stated_m)
-        readings = readings[: np.searchsorted(readings, limit, side="right")]
-    total = len(readings)
-    while len(readings):
-        found = _error_value(readings, total)
-        if found is None:
-            return float(min(limit, readings[-1])), glitches
-        least, above = found
-        glitches += above
-        readings = readings[:least]
-    return 0.0, glitches
+        hits = int(np.searchsorted(readings, limit, side="right"))
+        wrong += len(readings) - hits
+        readings = readings[:hits]
+    return float(readings[-1]) if len(readings) else 0.0, wrong * step
 
 
 def _error_value(readings: Ranges, total: int) -> tuple[int, int] | None:

@@ -21,6 +21,7 @@ from simloop.graph_slam.scan_tracker import LEAST_POINTS
 from simloop.graph_slam.settings import MappingConfig
 from simloop.graph_slam.warmup import warm_up
 from simloop.mapping.grid_map import GridMap
+from simloop.mapping.map_files import load_map
 from simloop.messages import FloatArray
 from simloop.replay.laser_log import LaserLog, ScanReader
 from simloop.replay.read_log import read_log
@@ -31,6 +32,7 @@ from simloop.replay.relations import (
 )
 from simloop.replay.result import Replay
 
+_FINEST_M, _COARSEST_M = 0.005, 1.0  # cells of a map that a scan is searched in
 _MOST_FAILED = 0.5  # a result is worthless if more of the scans failed
 
 
@@ -52,6 +54,28 @@ def load(log: Path, relations: Path | None) -> tuple[LaserLog, FloatArray | None
     if given is not None:  # tell it now, not after the replay
         relation_errors(times_on_relations_clock(read, given), read.odom, given)
     return read, given
+
+
+def load_prior(path: Path, config: MappingConfig) -> GridMap:
+    """Read a map to localise the robot in.
+
+    Args:
+        path: the map's YAML file.
+        config: settings.
+
+    Returns:
+        The map.
+
+    Raises:
+        InputError: if it cannot be read, or if its cells are too small or too large to search in.
+    """
+    grid = load_map(path, config.grid)
+    if not _FINEST_M <= grid.resolution_m <= _COARSEST_M:
+        raise InputError(
+            f"--map {path}: resolution {grid.resolution_m:g}: must be from {_FINEST_M:g} to "
+            f"{_COARSEST_M:g} m"
+        )
+    return grid
 
 
 def measure(

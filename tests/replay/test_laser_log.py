@@ -162,3 +162,6 @@ def test_the_maximum_that_the_log_states_counts():
     ranges[2, 2] = 12.7
     assert usable_range_m(log_of(np.arange(40.0), ranges=ranges, stated=8.0)) < 6.1
     assert usable_range_m(log_of(np.arange(40.0), ranges=ranges)) == pytest.approx(12.7)
+    # A log that states too little: what is left out is said.
+    notes = ScanReader(log_of(np.arange(40.0), ranges=ranges, stated=3.0), 30.0).notes
+    assert f"{np.count_nonzero(ranges > 2.997)} ranges are left out" in notes[0]
