@@ -43,7 +43,7 @@ class _Lines:
         self.odom = array("d")  # line, x, y, yaw and stamp of each ODOM line
         self.others: Counter[str] = Counter()
         self.parameters = Parameters()
-        readings = 0
+        self._name, readings = name, 0
         for number, line in enumerate(lines, 1):
             head = line[:64].split(maxsplit=1)
             kind = head[0] if head else ""
@@ -63,7 +63,7 @@ class _Lines:
             scan = _SCANS[kind](words, number)
         except (ValueError, IndexError):
             self.bad[kind].append(number)
-            check_limit(len(self.bad[kind]), LOG_SCANS, "invalid laser lines")
+            check_limit(len(self.bad[kind]), LOG_SCANS, f"{self._name}: invalid laser lines")
             return 0
         self.scans[kind].append(scan)
         return len(scan.ranges)
@@ -71,7 +71,7 @@ class _Lines:
     def _add_odometry(self, words: list[str], number: int) -> None:
         with suppress(ValueError, IndexError):
             self.odom.extend((number, *odometry(words)))
-            check_limit(len(self.odom) // 5, _MOST_ODOMETRY, "ODOM lines")
+        check_limit(len(self.odom) // 5, _MOST_ODOMETRY, f"{self._name}: ODOM lines")
 
     def front_laser(self, name: str) -> str:
         """Choose the kind of the lines: that of most scans; lines with poses are preferred."""

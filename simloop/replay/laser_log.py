@@ -17,6 +17,7 @@ from simloop.replay.unused import Unused
 MOST_OFFSET_M = 10.0
 """Largest distance of a laser from the robot's centre, m."""
 
+_MOST_RANGE_M = 1000.0  # larger values are codes: no laser of a robot measures farther
 _RANGE_MIN_M = 0.1  # nearer hits are ignored: they are the robot itself, or dust
 _MOST_XY_M, _MOST_YAW_RAD = 1e8, 1e6  # larger odometry has lost its millimetres
 _MOST_WAY_M = 1e5  # a pose farther from the middle of all poses is an error
@@ -112,7 +113,7 @@ def clean_log(
     if lost.size:
         ranges, odom = ranges[keep], odom[keep]
         clocks = tuple(clock[keep] for clock in clocks)
-    ranges[~(ranges > 0.0)] = np.inf  # also NaN
+    ranges[~((ranges > 0.0) & (ranges <= _MOST_RANGE_M))] = np.inf  # also NaN
     times = choose_times(clocks)
     said = [*unused.notes(total), *notes, *([times.note] if times.note else [])]
     return LaserLog(
