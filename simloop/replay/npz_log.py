@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import struct
+import tokenize
 import warnings
 import zipfile
 import zlib
@@ -40,8 +41,11 @@ _MOST_NUMBERS = {
 _CHUNK = 1 << 20  # numbers that are read at once
 _END, _END_BYTES = b"PK\x05\x06", 22  # a zip file's last record
 _MOST_DIRECTORY = 2**20  # bytes of a zip file's list of contents
-_BROKEN = (ValueError, SyntaxError, TypeError, EOFError, OSError, RuntimeError, MemoryError,
-           KeyError, OverflowError, struct.error, zlib.error, zipfile.BadZipFile)  # fmt: skip
+# What zipfile, zlib and numpy's parser of headers raise for a broken file.
+_BROKEN = (
+    *(ValueError, SyntaxError, TypeError, KeyError, OverflowError, RuntimeError, MemoryError),
+    *(OSError, EOFError, zipfile.BadZipFile, zlib.error, struct.error, tokenize.TokenError),
+)
 
 
 def read_npz(path: Path) -> LaserLog:

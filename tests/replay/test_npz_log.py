@@ -104,6 +104,7 @@ def test_arrays_that_are_wrong_are_named(tmp_path, key, value, word):
         ("scan_ranges_m", "(4, 181)", "|O", "type"),
         ("scan_ranges_m", "(4, 181)", "<U100000000", "type"),
         ("scan_ranges_m", "(" * 200 + ")" * 200, "<f4", "npz"),
+        ("scan_ranges_m", "(4L, (181", "<f4", "npz"),
         ("scan_t_s", f"({2**63},)", "<f8", "are allowed"),
         ("fov_deg", "(9, 9)", "<f8", "are allowed"),
         ("relations_t1_t2_dx_dy_dyaw", "(99999999, 5)", "<f8", "are allowed"),
