@@ -11,7 +11,9 @@ from rich.console import Console
 from simloop.cli.common import INTERRUPTED, compiling_shown, stop_asked, write_json
 from simloop.common.json_text import json_text
 
-Log = Annotated[Path, typer.Argument(help="A CARMEN .log or .clf file, or an .npz file of scans.")]
+Log = Annotated[
+    Path, typer.Argument(help="A CARMEN .log, .clf or .log.gz file, or an .npz file of scans.")
+]
 JsonOrStdout = Annotated[
     Path | None,
     typer.Option("--json", metavar="FILE", help="Write all figures as JSON; - means stdout."),
@@ -39,7 +41,8 @@ def replay(
 ) -> int:
     """Map or localise with a recorded log of a real robot.
 
-    Ctrl-C ends the log early and keeps the results so far.
+    Exit code 0: the result is of use. 1: it is worthless. 2: wrong input. 130: stopped by Ctrl-C,
+    which ends the log early and keeps the results so far.
     \f
 
     Args:
@@ -55,23 +58,31 @@ def replay(
     from simloop.common.map_server import picture_of
     from simloop.common.terminal import counting
     from simloop.graph_slam.settings import MappingConfig
-    from simloop.mapping.map_files import load_map
     from simloop.replay import outputs, session
 
     files = outputs.ReplayFiles(out, json_file)
     files.check(log, relations, prior, prior and picture_of(prior))
     read, truth = session.load(log, relations)
     config = MappingConfig()
-    known = load_map(prior, config.grid) if prior is not None else None
-    notes, bar = Console(stderr=True), counting(Console(stderr=True), "scans", len(read.t_s))
+    known = session.load_prior(prior, config) if prior is not None else None
+    notes = Console(stderr=True)
+    outputs.print_notes(notes, read.notes)
+    bar = counting(notes, "scans", len(read.t_s))
     with stop_asked() as stop, compiling_shown(notes) as report, bar as show:
         replayed = session.run(
             read, truth, config, known, lambda done: show(done) or not stop(), report
         )
         outputs.write(replayed, files)
+    figures = replayed.figures
+    outputs.print_notes(notes, figures["notes"][len(read.notes) :])
     if json_file == outputs.STDOUT:
-        print(json_text(replayed.figures), end="")
+        print(json_text(figures), end="")
     else:
-        outputs.print_figures(Console(), replayed.figures)
-        write_json(json_file, replayed.figures)
-    return INTERRUPTED if replayed.figures["interrupted"] else 0
+        outputs.print_figures(Console(), figures)
+        write_json(json_file, figures)
+    if figures["interrupted"]:
+        return INTERRUPTED
+    if figures["worthless"]:
+        outputs.print_notes(notes, [f"the result is worthless: {figures['worthless']}"])
+        return 1
+    return 0

@@ -5,9 +5,38 @@ from __future__ import annotations
 import os
 import stat
 from pathlib import Path
+from typing import BinaryIO
 
 from simloop.common.errors import InputError
 from simloop.common.limits import TEXT_BYTES
+
+
+def open_regular(path: Path) -> BinaryIO:
+    """Open a file for reading.
+
+    Args:
+        path: The file.
+
+    Returns:
+        The open file, in binary mode. The caller closes it.
+
+    Raises:
+        InputError: If it is missing, no regular file (a folder, FIFO or device), or not readable.
+    """
+    try:
+        # Without O_NONBLOCK, opening a FIFO waits for a writer that may never come.
+        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(f"{path}: cannot be read: {reason}") from None
+    mode = os.fstat(handle).st_mode
+    if not stat.S_ISREG(mode):
+        os.close(handle)
+        kind = "is a folder, not a file" if stat.S_ISDIR(mode) else "not a regular file"
+        raise InputError(f"{path}: {kind}")
+    return os.fdopen(handle, "rb")
 
 
 def read_bytes(path: Path, most_bytes: int = TEXT_BYTES) -> bytes:
@@ -24,20 +53,7 @@ def read_bytes(path: Path, most_bytes: int = TEXT_BYTES) -> bytes:
         InputError: If it is missing, no regular file (a folder, FIFO or device), not readable, or
             larger than allowed.
     """
-    try:
-        # Without O_NONBLOCK, opening a FIFO waits for a writer that may never come.
-        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(f"{path}: cannot be read: {reason}") from None
-    mode = os.fstat(handle).st_mode
-    if not stat.S_ISREG(mode):
-        os.close(handle)
-        kind = "is a folder, not a file" if stat.S_ISDIR(mode) else "not a regular file"
-        raise InputError(f"{path}: {kind}")
-    with os.fdopen(handle, "rb") as file:
+    with open_regular(path) as file:
         try:
             data = file.read(most_bytes + 1)  # a file in /proc says that it has no bytes
         except OSError as error:

@@ -20,6 +20,24 @@ PICTURE_BYTES = 256 * 2**20
 LOG_BYTES = 2**30
 """Size of a recorded log, after unpacking."""
 
+LOG_SCANS = 500_000
+"""Scans of a recorded log: more than three hours at 40 Hz."""
+
+LOG_READINGS = 80_000_000
+"""Ranges of a recorded log, all scans together; each takes four bytes."""
+
+LOG_LINES = 10_000_000
+"""Lines of a recorded log."""
+
+LOG_LINE_BYTES = 4 * 2**20
+"""Length of a line of a recorded log."""
+
+LOG_UNPACKED_TIMES = 100
+"""How many times larger than its file a packed log may be: texts of numbers reach about 10."""
+
+RELATIONS = 1_000_000
+"""Relations between poses in a file."""
+
 PIXELS = 100_000_000
 """Pixels of a picture: 10 km x 10 km at 1 m, 500 m x 500 m at 5 cm."""
 

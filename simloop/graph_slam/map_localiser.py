@@ -24,6 +24,7 @@ _RIVAL_M, _RIVAL_RAD = 0.5, 0.35  # two poses farther apart than this are differ
 _COARSE_POINTS = 150  # about how many points the search of the whole map uses
 _MOST_RIVALS = 6  # if more places than this look alike, the search gives no result
 _CLEARLY = 0.02  # share of points: a rival must have this many more in free space
+_TILE_CELLS = 2048  # largest side of a square that is searched at once: 26 million numbers
 _NO_WEIGHTS = np.zeros(2)  # no penalty for the distance from the middle of the window
 # Standard deviations of x, y, m, and yaw, rad: at a known start, and at a place that was found.
 _START_STD, _FOUND_STD = (0.1, 0.1, 0.05), (0.05, 0.05, 0.02)
@@ -171,18 +172,36 @@ def relocalise(grid: GridMap, points: FloatArray, config: MappingConfig) -> Floa
 
 def _candidates(grid: GridMap, points: FloatArray, config: MappingConfig) -> Iterator[FloatArray]:
     """Yield the poses (3,) with a score near the best one, best first and far apart."""
-    rows, cols = grid.log_odds.shape
-    centre = grid.origin_m + 0.5 * grid.resolution_m * np.array([cols, rows])
-    reach = 0.5 * grid.resolution_m * max(rows, cols)
-    prior, window = np.array([*centre, 0.0]), np.array([reach, math.pi])
     few = np.ascontiguousarray(points[:: max(1, len(points) // _COARSE_POINTS)])
     excluded = np.empty((0, 5))
     least = config.closure_least_score
     while len(excluded) <= _MOST_RIVALS:
-        place, score = grid.search(few, prior, window, _NO_WEIGHTS, least, excluded)
-        if score < 0.0:
+        best, place = -1.0, np.zeros(3)
+        for middle, reach in _tiles(grid):
+            prior, window = np.array([*middle, 0.0]), np.array([reach, math.pi])
+            found, score = grid.search(few, prior, window, _NO_WEIGHTS, max(least, best), excluded)
+            if score > best:
+                best, place = score, found
+        if best < 0.0:
             return
         if not len(excluded):
-            least = max(least, config.rival_score * score)
+            least = max(least, config.rival_score * best)
         excluded = np.vstack([excluded, [*place, _RIVAL_M, _RIVAL_RAD]])
         yield place
+
+
+def _tiles(grid: GridMap) -> list[tuple[FloatArray, float]]:
+    """Cover a map by squares, each with its middle (2,) and half its side, m.
+
+    One search keeps a number for each heading and each block of cells in the square. So a large
+    map is searched in several squares, and a long one is not searched as the square around it.
+    """
+    sizes = np.array(grid.log_odds.shape[::-1])
+    counts = -(-sizes // _TILE_CELLS)
+    reach = 0.5 * grid.resolution_m * min(int(sizes.max()), _TILE_CELLS)
+    step = grid.resolution_m * sizes / counts
+    return [
+        (grid.origin_m + step * (np.array([col, row]) + 0.5), reach)
+        for row in range(counts[1])
+        for col in range(counts[0])
+    ]

@@ -16,7 +16,7 @@ from simloop.common.profiler import NullProfiler, Stopwatch
 from simloop.geometry.se2 import between, compose
 from simloop.graph_slam.closures import ClosureFinder
 from simloop.graph_slam.pose_graph import Edge, PoseGraph, rotated_covariance
-from simloop.graph_slam.scan_tracker import ScanTracker
+from simloop.graph_slam.scan_tracker import LEAST_POINTS, ScanTracker
 from simloop.graph_slam.settings import MappingConfig
 from simloop.graph_slam.submap import Submap
 from simloop.mapping.grid_map import GridMap
@@ -25,6 +25,7 @@ from simloop.messages import FloatArray
 STAGES = ("match", "insert", "closures", "graph")
 """Names of the stages that the profiler measures."""
 
+_LOST_SCANS = 5  # a scan becomes a keyframe after this many that did not fit in a row
 _LOST_KEYFRAMES = 3  # a new submap starts after this many unmatched keyframes in a row
 
 
@@ -68,6 +69,7 @@ class GraphMapper:
         self._locals: list[FloatArray] = []
         self._trail: list[tuple[int, FloatArray]] = []
         self._lost = 0
+        self._fitted, self._missed = False, 0
         self._submap_ended = False
 
     @property
@@ -109,11 +111,12 @@ class GraphMapper:
         self._tracker.predict(motion)
         with self._time["match"]:
             matched = self._tracker.match(self._active[0].grid, points, motion)
-        self.unmatched += not matched
+        begins, empty = self._begins(points, matched)
+        self.unmatched += not matched and not empty
         off = between(self._locals[-1], self._tracker.pose)
         far = math.hypot(off[0], off[1]) >= self._config.keyframe_m
-        if far or abs(off[2]) >= self._config.keyframe_rad:
-            self._keyframe(points, origins, matched)
+        if begins or far or abs(off[2]) >= self._config.keyframe_rad:
+            self._keyframe(points, origins, matched or empty)
             return True
         self._trail.append((len(self._locals) - 1, off))
         return False
@@ -137,9 +140,22 @@ class GraphMapper:
             grid.insert(points, origins, pose)
         return grid
 
+    def _begins(self, points: FloatArray, matched: bool) -> tuple[bool, bool]:
+        """Return whether a scan begins the map anew, and whether the map is still empty.
+
+        The first scans of a log may be blind, or dazzled. Then no later scan fits, and a robot that
+        stands would never enter one.
+        """
+        sees = len(points) >= LEAST_POINTS
+        self._fitted |= matched
+        self._missed = 0 if matched else self._missed + sees
+        begins = sees and (not self._fitted or self._missed >= _LOST_SCANS)
+        return begins, begins and not self._active[0].grid.occupied.any()
+
     def _keyframe(self, points: FloatArray, origins: FloatArray, matched: bool) -> None:
         """Add a keyframe to graph and submaps, and search for closures at some keyframes."""
         self._lost = 0 if matched else self._lost + 1
+        self._missed = 0
         self._points.append(points)
         self._origins.append(origins)
         number = self._join(self._tracker.pose)

@@ -17,9 +17,11 @@ from simloop.mapping.correlative import thinned
 from simloop.mapping.grid_map import GridMap
 from simloop.messages import FloatArray
 
+LEAST_POINTS = 10
+"""A scan with fewer hits is not matched."""
+
 _WEAK_INFORMATION = 1e-3 * np.eye(3)
 """Information added to a match (about 30 m), because a corridor may give none along its axis."""
-_LEAST_POINTS = 10  # a scan with fewer hits is not matched
 _WIDEST_M, _WIDEST_RAD = 1.0, 0.5  # largest half widths of the search window
 _NEAR_PENALTY, _WIDE_PENALTY = 0.1, 0.02  # taken off the score at the window's edge
 _BETTER = 0.02  # a fit in the wide window must have a score higher by this
@@ -115,7 +117,7 @@ class ScanTracker:
         Returns:
             Whether the scan fits anywhere. If not, the predicted pose is kept.
         """
-        if len(points) < _LEAST_POINTS:
+        if len(points) < LEAST_POINTS:
             return False
         spread = np.sqrt(np.diag(self.covariance))
         near = np.array([3.0 * max(spread[0], spread[1]), 3.0 * spread[2]])

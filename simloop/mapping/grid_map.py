@@ -160,6 +160,7 @@ class GridMap:
             Pose (3,), and its score; -1 if there is none.
         """
         far = float(np.quantile(np.hypot(points[:, 0], points[:, 1]), 0.8))
+        far = max(far, self.resolution_m)  # all points may lie at the robot's centre
         step = float(np.clip(self.resolution_m / far, _FINEST_TURN_RAD, _COARSEST_TURN_RAD))
         fine, mid, top = self._fields
         fields = SearchFields(fine, mid, top, self.origin_m, self.resolution_m)
@@ -281,11 +282,12 @@ class GridMap:
             return True
         res, size = self.resolution_m, np.array(self.log_odds.shape[::-1])
         origin = self.origin_m if size.any() else np.floor(low / res) * res
-        before = np.maximum(0, np.ceil((origin - low) / res / _CHUNK)).astype(int) * _CHUNK
+        before = np.maximum(0, np.ceil((origin - low) / res / _CHUNK)) * _CHUNK
         top = origin + size * res
-        after = np.maximum(0, np.ceil((high - top) / res / _CHUNK)).astype(int) * _CHUNK
-        if np.prod(size + before + after, dtype=float) > self._config.max_cells:
+        after = np.maximum(0, np.ceil((high - top) / res / _CHUNK)) * _CHUNK
+        if not np.prod(size + before + after) <= self._config.max_cells:  # also for NaN
             return False
+        before, after = before.astype(int), after.astype(int)
         self.origin_m = origin
         self._pad(((before[1], after[1]), (before[0], after[0])))
         # Hit sums are relative to the grid's corner, which has moved.

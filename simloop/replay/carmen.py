@@ -1,8 +1,4 @@
-"""Read CARMEN's text logs (.log, .clf): FLASER, ROBOTLASER1 and PARAM lines. Skip all others.
-
-    FLASER n r_1 .. r_n  laser_x laser_y laser_yaw  odom_x odom_y odom_yaw  t host logger_t
-    ROBOTLASER1 type start fov resolution max accuracy remission n r_1 .. r_n  m s_1 .. s_m
-        laser_x laser_y laser_yaw  robot_x robot_y robot_yaw  (5 more)  t host logger_t
+"""Read CARMEN's text logs: the front laser's scans, with the pose by odometry of each.
 
 Odometry is raw. The laser's pose on the robot is computed from the laser's and the robot's poses in
 a line. In some logs the laser's poses were corrected afterwards and do not belong to the robot's
@@ -12,32 +8,94 @@ poses. Then the offset of the PARAM line is used.
 from __future__ import annotations
 
 import math
+from array import array
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass
+from contextlib import suppress
 
 import numpy as np
 
 from simloop.common.errors import InputError
-from simloop.geometry.se2 import between
+from simloop.common.limits import LOG_READINGS, LOG_SCANS, check_limit
+from simloop.geometry.se2 import wrap_angles
 from simloop.messages import FloatArray
-from simloop.replay.laser_log import LaserLog, beam_angles, clean_log
+from simloop.replay.beams import flaser_angles, robotlaser_angles
+from simloop.replay.carmen_lines import Parameters, ScanLine, flaser, odometry, robotlaser
+from simloop.replay.laser_log import LaserLog, RawScans, clean_log
+from simloop.replay.unused import Unused
 
-_OFFSET_PARAMETERS = ("robot_front_laser_offset", "robot_frontlaser_offset")
+_SCANS = {"FLASER": flaser, "ROBOTLASER1": robotlaser, "RAWLASER1": robotlaser}
+_OTHER_LASERS = (
+    *("RLASER", "LASER3", "LASER4", "LASER5"),
+    *(f"{kind}{k}" for kind in ("ROBOTLASER", "RAWLASER") for k in (2, 3, 4, 5)),
+)
+_MOST_ODOMETRY = 10_000_000  # ODOM lines
 _STEADY = 0.01  # a laser that seems to move by less is fixed, m and rad: the log is rounded
-_MOST_OFFSET_M = 1.5  # largest possible distance of a laser from the robot's centre
-_MOST_BEAMS = 100_000  # a line with more beams is not valid
+_MOST_OFFSET_M = 1.5  # a larger offset by the poses in the lines is an error of these poses
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Scan:
-    """Data of one laser line: poses x, y, yaw; times by the sensor's and the logger's clock, s."""
+class _Lines:
+    """The lines of a log that matter, by kind."""
 
-    ranges: list[float]
-    laser: list[float]
-    odom: list[float]
-    clocks: tuple[float, float]
-    sweep: tuple[float, float] | None = None  # start angle and step, rad, if the line has them
+    def __init__(self, lines: Iterable[str], name: str) -> None:
+        self.scans: dict[str, list[ScanLine]] = {kind: [] for kind in _SCANS}
+        self.bad: dict[str, list[int]] = {kind: [] for kind in _SCANS}
+        self.odom = array("d")  # line, x, y, yaw and stamp of each ODOM line
+        self.others: Counter[str] = Counter()
+        self.parameters = Parameters()
+        self._name, readings = name, 0
+        for number, line in enumerate(lines, 1):
+            head = line[:64].split(maxsplit=1)
+            kind = head[0] if head else ""
+            if kind == "PARAM":
+                self.parameters.read(line.split(), f"{name}, line {number}")
+            elif kind == "ODOM":
+                self._add_odometry(line.split(), number)
+            elif kind in _OTHER_LASERS:
+                self.others[kind] += 1
+            elif kind in _SCANS:
+                readings += self._add_scan(kind, line.split(), number)
+                check_limit(readings, LOG_READINGS, f"{name}: ranges of all scans")
+                check_limit(len(self.scans[kind]), LOG_SCANS, f"{name}: scans")
+
+    def _add_scan(self, kind: str, words: list[str], number: int) -> int:
+        try:
+            scan = _SCANS[kind](words, number)
+        except (ValueError, IndexError):
+            self.bad[kind].append(number)
+            check_limit(len(self.bad[kind]), LOG_SCANS, f"{self._name}: invalid laser lines")
+            return 0
+        self.scans[kind].append(scan)
+        return len(scan.ranges)
+
+    def _add_odometry(self, words: list[str], number: int) -> None:
+        with suppress(ValueError, IndexError):
+            self.odom.extend((number, *odometry(words)))
+        check_limit(len(self.odom) // 5, _MOST_ODOMETRY, f"{self._name}: ODOM lines")
+
+    def front_laser(self, name: str) -> str:
+        """Choose the kind of the lines: that of most scans; lines with poses are preferred."""
+        kinds = [k for k in ("ROBOTLASER1", "FLASER") if self.scans[k]] or ["RAWLASER1"]
+        kind = max(kinds, key=lambda k: len(self.scans[k]))
+        if self.scans[kind]:
+            return kind
+        bad = min((number for numbers in self.bad.values() for number in numbers), default=0)
+        if bad:
+            raise InputError(
+                f"{name}, line {bad}: not a valid laser line; the log has no valid one"
+            )
+        raise InputError(
+            f"{name}: has no FLASER, ROBOTLASER1 or RAWLASER1 line; is it a CARMEN log?"
+        )
+
+    def left_out(self, kind: str) -> list[str]:
+        """Describe the lines of other kinds that hold scans."""
+        others = dict(self.others)
+        if kind != "RAWLASER1":  # otherwise these are the same scans, without poses
+            others |= {k: len(s) for k, s in self.scans.items() if k not in (kind, "RAWLASER1")}
+        said = [f"{count} {k} lines are not used" for k, count in others.items() if count]
+        said += [f"PARAM {name} is not used" for name in self.parameters.ignored]
+        return said
 
 
 def parse_carmen(lines: Iterable[str], name: str = "log") -> LaserLog:
@@ -48,94 +106,107 @@ def parse_carmen(lines: Iterable[str], name: str = "log") -> LaserLog:
         name: name of the log in error messages.
 
     Returns:
-        The usable scans.
+        The usable scans, in the order of their lines.
 
     Raises:
-        InputError: if there is no scan.
+        InputError: if there is no scan, if most scans cannot be used, if a number that is needed
+            is not plausible, or if the log is too large.
     """
-    scans, skipped, offset, bad_line = [], 0, 0.0, 0
-    for number, line in enumerate(lines, 1):
-        words = line.split()
-        if not words or words[0] not in ("FLASER", "ROBOTLASER1", "PARAM"):
-            continue
-        try:
-            if words[0] == "PARAM":
-                if len(words) > 2 and words[1] in _OFFSET_PARAMETERS:
-                    offset = float(words[2])
-                continue
-            scans.append(_flaser(words) if words[0] == "FLASER" else _robotlaser(words))
-        except (ValueError, IndexError):
-            skipped += 1
-            bad_line = bad_line or number
-    if not scans:
-        if skipped:
-            raise InputError(
-                f"{name}, line {bad_line}: not a valid laser line; the log has no valid one"
-            )
-        raise InputError(f"{name}: has no FLASER or ROBOTLASER1 line; is it a CARMEN log?")
-    # A log may hold two lasers, or truncated lines. Use the most frequent number of beams.
-    beams = Counter(len(scan.ranges) for scan in scans).most_common(1)[0][0]
-    chosen = [scan for scan in scans if len(scan.ranges) == beams]
-    skipped += len(scans) - len(chosen)
-    angles = beam_angles(beams)
-    if chosen[0].sweep is not None:
-        start, step = chosen[0].sweep
-        angles = np.asarray(start + step * np.arange(beams), np.float64)
-    odom = np.array([scan.odom for scan in chosen])
-    laser = _laser_offset(np.array([scan.laser for scan in chosen]), odom, offset)
-    clocks = np.array([scan.clocks for scan in chosen])
-    ranges = np.array([scan.ranges for scan in chosen])
-    return clean_log(
-        clocks[:, 0].copy(), ranges, angles, odom, laser, name, None, skipped, (clocks[:, 1],)
-    )
+    read = _Lines(lines, name)
+    kind = read.front_laser(name)
+    unused = Unused()
+    if read.bad[kind]:
+        count = len(read.bad[kind])
+        unused.add("not a valid line", f"line {read.bad[kind][0]}", count)
+    scans = _of_one_laser(read.scans[kind], unused)
+    notes = read.left_out(kind)
+    angles, note = _angles(scans[0], read.parameters)
+    notes += [note] if note else []
+    odom, laser = _poses(scans, read, notes)
+    ranges = np.array([scan.ranges for scan in scans])
+    clocks = np.array([scan.clocks for scan in scans]).T.copy()
+    places = [scan.number for scan in scans]
+    raw = RawScans(ranges, odom, (clocks[0], clocks[1]), places, "line")
+    stated = Counter(scan.range_max_m for scan in scans).most_common(1)[0][0]
+    return clean_log(raw, angles, laser, name, unused, None, stated, notes)
 
 
-def _flaser(words: list[str]) -> _Scan:
-    """Parse the words of a FLASER line; raise ValueError or IndexError if it is not valid."""
-    count = int(words[1])
-    if not 1 <= count <= _MOST_BEAMS:
-        raise ValueError(words[1])
-    ranges = [float(word) for word in words[2 : 2 + count]]
-    laser, odom, clocks = _tail(words[2 + count :], 6)
-    return _Scan(ranges, laser, odom, clocks)
+def _of_one_laser(scans: list[ScanLine], unused: Unused) -> list[ScanLine]:
+    """Return the scans with the most frequent beams: a log may hold two lasers, or cut lines."""
+
+    def form(scan: ScanLine) -> tuple[object, ...]:
+        return len(scan.ranges), repr(scan.sweep)  # repr, because NaN is not equal to itself
+
+    common = Counter(map(form, scans)).most_common(1)[0][0]
+    chosen = [scan for scan in scans if form(scan) == common]
+    other = next((scan for scan in scans if form(scan) != common), None)
+    if other is not None:
+        reason = f"not the {common[0]} beams of most scans"
+        unused.add(reason, f"line {other.number}", len(scans) - len(chosen))
+    return chosen
 
 
-def _robotlaser(words: list[str]) -> _Scan:
-    """Parse the words of a ROBOTLASER1 line; raise ValueError or IndexError if it is not valid."""
-    start, _, step = (float(word) for word in words[2:5])
-    count = int(words[8])
-    if not (1 <= count <= _MOST_BEAMS and math.isfinite(start) and math.isfinite(step)):
-        raise ValueError(words[8])
-    ranges = [float(word) for word in words[9 : 9 + count]]
-    remissions = int(words[9 + count])
-    if remissions < 0:
-        raise ValueError(words[9 + count])
-    laser, odom, clocks = _tail(words[10 + count + remissions :], 11)
-    return _Scan(ranges, laser, odom, clocks, (start, step))
+def _angles(scan: ScanLine, parameters: Parameters) -> tuple[FloatArray, str]:
+    """Return the directions of the beams and what was assumed for them."""
+    beams = len(scan.ranges)
+    if scan.sweep is not None:
+        start, step, fov = scan.sweep
+        found = robotlaser_angles(beams, start, step, fov)
+        if found is not None:
+            return found
+    return flaser_angles(beams, parameters.resolution_deg, parameters.fov_deg)
 
 
-def _tail(words: list[str], t_at: int) -> tuple[list[float], list[float], tuple[float, float]]:
-    """Parse the words after the ranges: laser pose, robot pose, and two clocks from ``t_at``.
+def _poses(scans: list[ScanLine], read: _Lines, notes: list[str]) -> tuple[FloatArray, FloatArray]:
+    """Return the robot's pose (n, 3) at each scan, and base_from_laser (3,)."""
+    by_parameter = np.array([read.parameters.offset_m, 0.0, 0.0])
+    poses = [scan.poses for scan in scans if scan.poses is not None]
+    if poses:
+        both = np.array(poses)
+        return both[:, 3:], _laser_offset(both[:, :3], both[:, 3:], by_parameter)
+    if not read.odom:
+        notes.append("the log has no odometry: the robot is taken to stand still")
+        return np.zeros((len(scans), 3)), by_parameter
+    odom = np.frombuffer(read.odom).reshape(-1, 5)
+    return _odometry_at(scans, odom), by_parameter
 
-    If the line has only one clock, it is returned twice.
+
+def _odometry_at(scans: list[ScanLine], odom: FloatArray) -> FloatArray:
+    """Interpolate the poses (n, 3) of the ODOM lines before and after each scan's line.
+
+    The stamps tell where between the two. If they do not, the pose before the scan counts.
     """
-    numbers = [float(word) for word in words[:6]]
-    if len(numbers) < 6 or not all(map(math.isfinite, numbers)):
-        raise ValueError("cut off")
-    t_s = float(words[t_at])
-    logger_t_s = float(words[t_at + 2]) if len(words) > t_at + 2 else t_s
-    if not (math.isfinite(t_s) and math.isfinite(logger_t_s)):
-        raise ValueError("no time")
-    return numbers[:3], numbers[3:], (t_s, logger_t_s)
+    numbers, poses, t_s = odom[:, 0], odom[:, 1:4], odom[:, 4]
+    after = np.searchsorted(numbers, [scan.number for scan in scans])
+    before = np.maximum(after - 1, 0)
+    after = np.minimum(after, len(odom) - 1)
+    when = np.array([scan.clocks[0] for scan in scans])
+    with np.errstate(all="ignore"):
+        share = (when - t_s[before]) / (t_s[after] - t_s[before])
+        share = np.where((share >= 0.0) & (share <= 1.0), share, 0.0)[:, None]  # NaN becomes 0
+        step = poses[after] - poses[before]
+        step[:, 2] = wrap_angles(step[:, 2])
+        return np.asarray(poses[before] + share * step)
 
 
-def _laser_offset(laser: FloatArray, odom: FloatArray, parameter_m: float) -> FloatArray:
-    """Return base_from_laser (3,), by the poses if constant there, else by the parameter."""
-    seen = np.array([between(o, p) for o, p in zip(odom, laser, strict=True)])
+def _laser_offset(laser: FloatArray, odom: FloatArray, otherwise: FloatArray) -> FloatArray:
+    """Return base_from_laser (3,), by the poses if constant there."""
+    with np.errstate(all="ignore"):
+        off, cos, sin = laser - odom, np.cos(odom[:, 2]), np.sin(odom[:, 2])
+        seen = np.column_stack(
+            [
+                cos * off[:, 0] + sin * off[:, 1],
+                cos * off[:, 1] - sin * off[:, 0],
+                wrap_angles(off[:, 2]),
+            ]
+        )
+    seen = seen[np.isfinite(seen).all(axis=1)]
+    if not len(seen):
+        return otherwise
     middle = np.median(seen, axis=0)
-    off = np.abs(seen - middle)
-    off[:, 2] = np.minimum(off[:, 2], 2.0 * math.pi - off[:, 2])
-    steady = np.quantile(off, 0.9, axis=0).max() < _STEADY
+    apart = np.abs(seen - middle)
+    apart[:, 2] = np.minimum(apart[:, 2], 2.0 * math.pi - apart[:, 2])
+    steady = np.quantile(apart, 0.9, axis=0).max() < _STEADY
     if steady and math.hypot(middle[0], middle[1]) <= _MOST_OFFSET_M and middle.any():
         return middle
-    return np.array([parameter_m, 0.0, 0.0])
+    return otherwise

@@ -3,19 +3,29 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from simloop.common.errors import InputError
 from simloop.messages import FloatArray
+from simloop.replay.clocks import choose_times
+from simloop.replay.no_return import Ranges, longest_hit_m
+from simloop.replay.unused import Unused
 
+MOST_OFFSET_M = 10.0
+"""Largest distance of a laser from the robot's centre, m."""
+
+_MOST_RANGE_M = 1000.0  # larger values are codes: no laser of a robot measures farther
 _RANGE_MIN_M = 0.1  # nearer hits are ignored: they are the robot itself, or dust
+_MOST_XY_M, _MOST_YAW_RAD = 1e8, 1e6  # larger odometry has lost its millimetres
+_MOST_WAY_M = 1e5  # a pose farther from the middle of all poses is an error
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LaserLog:
-    """Scans in the order of their times, each with the pose by wheel odometry.
+    """Scans in the order of the file, each with the pose by wheel odometry.
 
     Attributes:
         t_s: (n,) times, rising, s.
@@ -25,114 +35,130 @@ class LaserLog:
         base_from_laser: (3,) the laser's pose in base_link.
         relations: (m, 5) t1, t2, and the pose dx, dy, dyaw at t2 in the frame of the pose at t1;
             None if the file has none.
-        skipped: number of lines or scans of the file that could not be used.
-        clocks_s: the scans' times (n,) by each further clock in the file.
+        skipped: number of scans of the file that could not be used.
+        clocks_s: the scans' times (n,) by each clock in the file; NaN where it does not rise.
+        measured: whether ``t_s`` comes from a clock of the log.
+        stated_range_m: the laser's maximum range by the log; inf if it states none.
+        notes: what was left out or assumed, one sentence each.
     """
 
     t_s: FloatArray
-    ranges_m: FloatArray
+    ranges_m: Ranges
     angles_rad: FloatArray
     odom: FloatArray
     base_from_laser: FloatArray
     relations: FloatArray | None = None
     skipped: int = 0
     clocks_s: tuple[FloatArray, ...] = ()
+    measured: bool = True
+    stated_range_m: float = math.inf
+    notes: tuple[str, ...] = ()
 
 
-def beam_angles(beams: int, fov_rad: float = math.pi) -> FloatArray:
-    """Compute the beams' directions in a sweep that is symmetric about the laser's x axis.
+@dataclass(frozen=True, slots=True, eq=False)
+class RawScans:
+    """Scans as a file has them.
 
-    An odd number of beams, such as 181 or 361, covers both ends of the field of view. An even
-    number ends one step before the end, as in CARMEN.
-
-    Args:
-        beams: number of beams.
-        fov_rad: field of view.
-
-    Returns:
-        (beams,) angles in the laser's frame, rad, from right to left.
+    Attributes:
+        ranges_m: (n, beams); not finite or not positive where nothing came back. It is changed.
+        odom: (n, 3) odom_from_base, m, m, rad; it may be wrong.
+        clocks_s: one or more clocks (n,), the preferred one first; they may be wrong.
+        places: (n,) the scans' numbers or lines in the file.
+        place: what ``places`` counts, e.g. ``line``.
     """
-    steps = beams - 1 if beams % 2 else beams
-    return -0.5 * fov_rad + np.arange(beams) * fov_rad / max(1, steps)
+
+    ranges_m: Ranges
+    odom: FloatArray
+    clocks_s: tuple[FloatArray, ...]
+    places: Sequence[int]
+    place: str
 
 
 def clean_log(
-    t_s: FloatArray,
-    ranges_m: FloatArray,
+    raw: RawScans,
     angles_rad: FloatArray,
-    odom: FloatArray,
     base_from_laser: FloatArray,
     name: str,
+    unused: Unused,
     relations: FloatArray | None = None,
-    skipped: int = 0,
-    clocks_s: tuple[FloatArray, ...] = (),
+    stated_range_m: float = math.inf,
+    notes: Sequence[str] = (),
 ) -> LaserLog:
-    """Make a log of the scans with a finite pose and a later time than the scan before.
+    """Make a log of the scans with a plausible pose, and find their times.
 
     Args:
-        t_s: (n,) times, s.
-        ranges_m: (n, beams); not finite or not positive where nothing came back.
+        raw: the scans.
         angles_rad: (beams,) directions in the laser's frame.
-        odom: (n, 3) odom_from_base, m, m, rad.
         base_from_laser: (3,) the laser's pose in base_link, m, m, rad.
         name: name of the log in error messages.
+        unused: the scans that were left out before.
         relations: (m, 5) as in ``LaserLog``.
-        skipped: number of lines or scans that were skipped before.
-        clocks_s: further clocks (n,), s.
+        stated_range_m: as in ``LaserLog``.
+        notes: what the reader assumed.
 
     Returns:
         The log.
 
     Raises:
-        InputError: if no scan is left.
+        InputError: if most scans cannot be used.
     """
-    finite = np.isfinite(t_s) & np.isfinite(odom).all(axis=1)
-    keep, latest = np.zeros(len(t_s), np.bool_), -math.inf
-    for i in np.flatnonzero(finite):
-        if t_s[i] > latest:
-            keep[i], latest = True, t_s[i]
-    if not keep.any():
-        raise InputError(f"{name}: has no scan with a finite time and odometry pose")
-    ranges = ranges_m[keep]
-    ranges = np.where(np.isfinite(ranges) & (ranges > 0.0), ranges, np.inf)
+    total = len(raw.odom) + unused.count
+    keep = _plausible(raw.odom)
+    lost = np.flatnonzero(~keep)
+    if lost.size:
+        reason = f"the odometry is not finite, or more than {_MOST_WAY_M / 1000:g} km away"
+        unused.add(reason, f"{raw.place} {raw.places[lost[0]]}", lost.size)
+    unused.refuse_most(name, total)
+    ranges, odom, clocks = raw.ranges_m, raw.odom, raw.clocks_s
+    if lost.size:
+        ranges, odom = ranges[keep], odom[keep]
+        clocks = tuple(clock[keep] for clock in clocks)
+    ranges[~((ranges > 0.0) & (ranges <= _MOST_RANGE_M))] = np.inf  # also NaN
+    times = choose_times(clocks)
+    said = [*unused.notes(total), *notes, *([times.note] if times.note else [])]
     return LaserLog(
-        t_s[keep],
+        times.t_s,
         ranges,
         angles_rad,
-        odom[keep],
+        odom,
         base_from_laser,
         relations,
-        skipped + int(np.count_nonzero(~keep)),
-        tuple(clock[keep] for clock in clocks_s),
+        unused.count,
+        times.clocks_s,
+        times.measured,
+        stated_range_m,
+        tuple(said),
     )
+
+
+def _plausible(odom: FloatArray) -> NDArray[np.bool_]:
+    """Return (n,) whether a pose is finite and not far away from the others."""
+    most = np.array([_MOST_XY_M, _MOST_XY_M, _MOST_YAW_RAD])
+    good = np.asarray((np.abs(odom) <= most).all(axis=1))  # False for NaN
+    if good.any():
+        middle = np.median(odom[good, :2], axis=0)
+        good[good] = np.abs(odom[good, :2] - middle).max(axis=1) <= _MOST_WAY_M
+    return good
 
 
 def usable_range_m(log: LaserLog) -> float:
     """Find the greatest range that is a hit.
 
-    If no echo comes back, a laser reports its largest value: 81.91 m, or 8.19, 31.9 or 50 m,
-    depending on its settings. So the log contains this value very often.
-
     Args:
         log: the log.
 
     Returns:
-        The limit, m: larger ranges mean that nothing came back.
-
-    Raises:
-        InputError: if no range of the log is finite.
+        The limit, m: larger ranges mean that nothing came back. 0 if no reading is a hit.
     """
-    ranges = log.ranges_m[np.isfinite(log.ranges_m)]
-    if ranges.size == 0:
-        raise InputError("the log has no finite range in any scan")
-    top = float(ranges.max())
-    at_top = np.count_nonzero(ranges >= top - 1e-3 * max(1.0, top))
-    repeated = at_top > max(3, 1e-5 * ranges.size)
-    return (top - 1e-3 * max(1.0, top)) if repeated else top
+    return longest_hit_m(log.ranges_m, log.stated_range_m)[0]
 
 
 class ScanReader:
-    """Converter of a log's scans to points, one for each beam that hit something."""
+    """Converter of a log's scans to points, one for each beam that hit something.
+
+    Attributes:
+        notes: what was left out, one sentence each.
+    """
 
     def __init__(self, log: LaserLog, range_max_m: float) -> None:
         """Prepare to read a log.
@@ -142,7 +168,14 @@ class ScanReader:
             range_max_m: longer ranges are ignored, even if the laser measures farther.
         """
         self._ranges = log.ranges_m
-        self._most = min(usable_range_m(log), range_max_m)
+        longest, wrong = longest_hit_m(log.ranges_m, log.stated_range_m)
+        self._most = min(longest, range_max_m)
+        self.notes: list[str] = []
+        if wrong:
+            self.notes.append(
+                f"{wrong} ranges are left out: they are more than the laser measures, which is "
+                f"{longest:.4g} m in this log, and not its value for no echo"
+            )
         heading = log.angles_rad + log.base_from_laser[2]
         self._direction = np.stack((np.cos(heading), np.sin(heading)), axis=1)
         self._origin = log.base_from_laser[:2]
@@ -156,7 +189,7 @@ class ScanReader:
         Returns:
             Hits (n, 2) and beam origins (n, 2), in base_link, m.
         """
-        ranges = self._ranges[scan]
+        ranges = self._ranges[scan].astype(np.float64)
         valid = (ranges >= _RANGE_MIN_M) & (ranges <= self._most)
         points = self._origin + ranges[valid, None] * self._direction[valid]
         return points, np.tile(self._origin, (len(points), 1))

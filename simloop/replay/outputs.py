@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
+from simloop.common.errors import printable
 from simloop.common.files import (
     FilePlan,
     folder_lock,
@@ -123,6 +125,17 @@ def write(replay: Replay, files: ReplayFiles) -> None:
             recording.unlink(missing_ok=True)
 
 
+def print_notes(console: Console, notes: Sequence[str]) -> None:
+    """Print what was left out or assumed, one line each.
+
+    Args:
+        console: the console to print to.
+        notes: the sentences. They may quote the log.
+    """
+    for note in notes:
+        console.print(printable(note), markup=False, highlight=False, soft_wrap=True)
+
+
 def print_figures(console: Console, figures: dict[str, Any]) -> None:
     """Print the figures as a table.
 
@@ -132,7 +145,7 @@ def print_figures(console: Console, figures: dict[str, Any]) -> None:
     """
     rows = []
     for key, value in figures.items():
-        if key in ("versions", "stages"):
+        if key in ("versions", "stages", "notes", "worthless"):
             continue
         parts = value.items() if isinstance(value, dict) else [("", value)]
         for name, part in parts:

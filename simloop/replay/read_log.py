@@ -2,22 +2,34 @@
 
 from __future__ import annotations
 
-import math
-import zipfile
+import gzip
+import io
+import zlib
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
-
-import numpy as np
+from typing import Any, BinaryIO
 
 from simloop.common.errors import InputError
+from simloop.common.input_files import open_regular
+from simloop.common.limits import (
+    LOG_BYTES,
+    LOG_LINE_BYTES,
+    LOG_LINES,
+    LOG_UNPACKED_TIMES,
+    check_limit,
+)
 from simloop.replay.carmen import parse_carmen
-from simloop.replay.laser_log import LaserLog, beam_angles, clean_log
+from simloop.replay.laser_log import LaserLog
+from simloop.replay.npz_log import read_npz
 
-_NPZ_KEYS = ("scan_t_s", "scan_ranges_m", "scan_odom_xyyaw", "fov_deg")
 _CARMEN_SUFFIXES = (".log", ".clf", ".carmen", ".txt")
+_GZIP, _MAGIC = ".gz", b"\x1f\x8b"
+_FREE_BYTES = 2**22  # a packed log may unpack to so much whatever its file's size
 
 
 def read_log(path: Path) -> LaserLog:
-    """Read a CARMEN log or an ``.npz``.
+    """Read a CARMEN log, plain or packed by gzip, or an ``.npz``.
 
     Args:
         path: the file; its suffix gives the format.
@@ -26,47 +38,81 @@ def read_log(path: Path) -> LaserLog:
         The log.
 
     Raises:
-        InputError: if the file is missing or is not a valid log.
+        InputError: if the file is missing, too large, or not a valid log.
     """
-    if not path.exists():
-        raise InputError(f"{path}: no such file")
-    if path.is_dir():
-        raise InputError(f"{path}: is a directory, not a log")
-    if path.suffix.lower() == ".npz":
-        return _read_npz(path)
-    if path.suffix.lower() in _CARMEN_SUFFIXES:
-        return parse_carmen(path.read_text(encoding="latin-1").splitlines(), str(path))
-    known = ", ".join((".npz", *_CARMEN_SUFFIXES))
-    raise InputError(f"{path}: not a log; its suffix must be one of {known}")
+    suffixes = [suffix.lower() for suffix in path.suffixes]
+    if suffixes[-1:] == [".npz"]:
+        return read_npz(path)
+    if suffixes[-1:] == [_GZIP]:
+        suffixes.pop()
+    if not suffixes or suffixes[-1] not in _CARMEN_SUFFIXES:
+        known = ", ".join((".npz", *_CARMEN_SUFFIXES, *(s + _GZIP for s in _CARMEN_SUFFIXES)))
+        if path.exists():
+            raise InputError(f"{path}: not a log; its suffix must be one of {known}")
+    with open_regular(path) as file:
+        lines = _Lines(file, str(path))
+        try:
+            log = parse_carmen(lines, str(path))
+        except InputError as error:
+            raise InputError("; ".join((str(error), *lines.notes))) from None
+    return replace(log, notes=(*log.notes, *lines.notes))
 
 
-def _read_npz(path: Path) -> LaserLog:
-    """Read a log stored as numpy arrays, and check the arrays' shapes."""
-    try:
-        with np.load(path, allow_pickle=False) as data:
-            table = {key: np.asarray(data[key], np.float64) for key in data.files}
-    except (ValueError, TypeError, EOFError, OSError, zipfile.BadZipFile, KeyError) as error:
-        raise InputError(f"{path}: not a readable .npz: {error}") from None
-    for key in _NPZ_KEYS:
-        if key not in table:
-            raise InputError(f"{path}: {key} is missing; required: {', '.join(_NPZ_KEYS)}")
-    t_s, ranges, odom = (table[key] for key in _NPZ_KEYS[:3])
-    scans = len(t_s) if t_s.ndim == 1 else 0
-    if scans == 0 or ranges.ndim != 2 or len(ranges) != scans or odom.shape != (scans, 3):
-        raise InputError(
-            f"{path}: scan_t_s {t_s.shape}, scan_ranges_m {ranges.shape} and scan_odom_xyyaw "
-            f"{odom.shape} do not match; required: (n,), (n, beams) and (n, 3)"
-        )
-    if table["fov_deg"].size != 1 or not 0.0 < float(table["fov_deg"].ravel()[0]) <= 360.0:
-        raise InputError(f"{path}: fov_deg must be one number in (0, 360]")
-    relations = table.get("relations_t1_t2_dx_dy_dyaw")
-    if relations is not None and (relations.ndim != 2 or relations.shape[1] != 5):
-        raise InputError(f"{path}: relations_t1_t2_dx_dy_dyaw must be (m, 5)")
-    fov = math.radians(float(table["fov_deg"].ravel()[0]))
-    offset = table.get("laser_offset_x_m", np.zeros(1)).ravel()
-    if offset.size != 1 or not np.isfinite(offset).all():
-        raise InputError(f"{path}: laser_offset_x_m must be one number")
-    # The file's offset goes from the laser to base_link. Odometry and relations are of base_link.
-    laser = np.array([-offset[0], 0.0, 0.0])
-    angles = beam_angles(ranges.shape[1], fov)
-    return clean_log(t_s, ranges, angles, odom, laser, str(path), relations)
+class _Unpacked(io.RawIOBase):
+    """A packed file's bytes, up to where it is cut off. A buffer around it reads lines quickly."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = gzip.GzipFile(fileobj=file)
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        # `read` would lose what it has unpacked when it meets the end.
+        some = self._file.read1(len(buffer))
+        buffer[: len(some)] = some
+        return len(some)
+
+
+class _Lines:
+    """Lines of a text, which may be packed. The whole text is never in memory.
+
+    Attributes:
+        notes: what was left out, one sentence each.
+    """
+
+    def __init__(self, file: BinaryIO, name: str) -> None:
+        self._name, self.notes = name, list[str]()
+        self._size = file.seek(0, 2)
+        check_limit(self._size, LOG_BYTES, f"{name}: size", "bytes")
+        file.seek(0)
+        self._packed = file.read(2) == _MAGIC
+        file.seek(0)
+        self._text = io.BufferedReader(_Unpacked(file)) if self._packed else file
+
+    def __iter__(self) -> Iterator[str]:
+        most = LOG_BYTES
+        if self._packed:
+            most = min(most, _FREE_BYTES + LOG_UNPACKED_TIMES * self._size)
+        total, number = 0, 0
+        while line := self._line():
+            number += 1
+            total += len(line)
+            if total > most or number > LOG_LINES or len(line) > LOG_LINE_BYTES:
+                where = f"{self._name}, line {number}"
+                check_limit(len(line), LOG_LINE_BYTES, f"{where}: length", "bytes")
+                check_limit(number, LOG_LINES, f"{self._name}: lines")
+                check_limit(total, most, f"{where}: size up to here", "bytes")
+            yield line.decode("latin-1")
+
+    def _line(self) -> bytes:
+        """Return the next line, empty at the end."""
+        try:
+            return self._text.readline(LOG_LINE_BYTES + 1)
+        except EOFError:
+            self.notes.append("the packed file is cut off: only what comes before is read")
+            return b""
+        except (zlib.error, gzip.BadGzipFile) as error:
+            raise InputError(f"{self._name}: not readable by gzip: {error}") from None
+        except OSError as error:
+            raise InputError(f"{self._name}: cannot be read: {error.strerror}") from None

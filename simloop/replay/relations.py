@@ -15,12 +15,22 @@ from pathlib import Path
 import numpy as np
 
 from simloop.common.errors import InputError
+from simloop.common.input_files import read_text
+from simloop.common.limits import RELATIONS, check_limit
 from simloop.geometry.se2 import wrap_angles
 from simloop.messages import FloatArray
 from simloop.replay.laser_log import LaserLog
 
 MOST_GAP_S = 1.0
 """Poses are interpolated only between scans that are at most this far apart in time, s."""
+
+
+IMPLAUSIBLE = (
+    "numbers must be finite, times within 1e12 s, places within 1e8 m, turns within 1e6 rad"
+)
+"""What is wrong with the row of ``first_implausible``."""
+
+_MOST = np.array([1e12, 1e12, 1e8, 1e8, 1e6])  # of t1, t2, dx, dy, dyaw
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,13 +72,13 @@ def read_relations(path: Path) -> FloatArray:
     Raises:
         InputError: if the file or one of its lines cannot be read.
     """
+    name = f"--relations {path}"
+    rows: list[list[float]] = []
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not a text file"
-        raise InputError(f"--relations {path}: {reason}") from None
-    rows = []
-    for number, line in enumerate(lines, 1):
+        text = read_text(path)
+    except InputError as error:
+        raise InputError(f"--relations {error}") from None
+    for number, line in enumerate(text.split("\n"), 1):
         words = line.split("#")[0].split()
         if not words:
             continue
@@ -76,15 +86,33 @@ def read_relations(path: Path) -> FloatArray:
             row = [float(word) for word in words]
         except ValueError:
             row = []
-        if len(row) not in (5, 8) or not all(map(math.isfinite, row)):
+        if len(row) not in (5, 8) or "_" in line:  # Python would read 1_0 as 10
             raise InputError(
-                f"--relations {path}, line {number}: must be t1 t2 x y z roll pitch yaw, "
+                f"{name}, line {number}: must be t1 t2 x y z roll pitch yaw, "
                 "or t1 t2 dx dy dyaw, all numbers"
             )
-        rows.append([*row[:4], row[-1]])
+        check_limit(len(rows) + 1, RELATIONS, f"{name}: relations")
+        rows.append([number, *row[:4], row[-1]])
     if not rows:
-        raise InputError(f"--relations {path}: the file has no relation")
-    return np.array(rows)
+        raise InputError(f"{name}: the file has no relation")
+    table = np.array(rows)
+    wrong = first_implausible(table[:, 1:])
+    if wrong is not None:
+        raise InputError(f"{name}, line {table[wrong, 0]:.0f}: {IMPLAUSIBLE}")
+    return table[:, 1:]
+
+
+def first_implausible(relations: FloatArray) -> int | None:
+    """Find a relation with a number that is not finite, or too large to be computed with.
+
+    Args:
+        relations: (m, 5) t1, t2, dx, dy, dyaw.
+
+    Returns:
+        The first such row; None if there is none.
+    """
+    good = (np.abs(relations) <= _MOST).all(axis=1)  # False for NaN
+    return None if good.all() else int(np.argmin(good))
 
 
 def times_on_relations_clock(log: LaserLog, relations: FloatArray) -> FloatArray:
@@ -95,15 +123,17 @@ def times_on_relations_clock(log: LaserLog, relations: FloatArray) -> FloatArray
         relations: (m, 5) as from ``read_relations``.
 
     Returns:
-        (n,) the scans' times, s, by the clock whose span contains most of the relations' times.
+        (n,) the scans' times, s, by the clock whose span contains most of the relations' times;
+        NaN where this clock does not rise.
     """
 
     def count_within(clock: FloatArray) -> int:
-        times = relations[:, :2]
-        return int(np.count_nonzero((times >= clock.min()) & (times <= clock.max())))
+        known, times = clock[np.isfinite(clock)], relations[:, :2]
+        if not len(known):
+            return -1
+        return int(np.count_nonzero((times >= known[0]) & (times <= known[-1])))
 
-    rising = [clock for clock in (log.t_s, *log.clocks_s) if np.all(np.diff(clock) > 0.0)]
-    return max(rising, key=count_within)
+    return max(log.clocks_s or (log.t_s,), key=count_within)
 
 
 def interpolate_poses(t_s: FloatArray, poses: FloatArray, when_s: FloatArray) -> FloatArray:
@@ -138,8 +168,8 @@ def relation_errors(t_s: FloatArray, poses: FloatArray, relations: FloatArray) -
     """Measure a trajectory by relations.
 
     Args:
-        t_s: (n,) times, rising, on the relations' clock.
-        poses: (n, 3) base_link at these times, in any fixed frame.
+        t_s: (n,) times, rising, on the relations' clock; NaN where unknown.
+        poses: (n, 3) base_link at these times, in any fixed frame; NaN where unknown.
         relations: (m, 5) as from ``read_relations``.
 
     Returns:
@@ -148,6 +178,10 @@ def relation_errors(t_s: FloatArray, poses: FloatArray, relations: FloatArray) -
     Raises:
         InputError: if no relation lies within the trajectory.
     """
+    known = np.isfinite(t_s)
+    if not known.any():
+        raise InputError("the log has no clock that rises, so relations cannot be placed in it")
+    t_s, poses = t_s[known], poses[known]
     first, second = (interpolate_poses(t_s, poses, relations[:, k]) for k in (0, 1))
     cos, sin = np.cos(first[:, 2]), np.sin(first[:, 2])
     dx, dy = (second - first)[:, :2].T

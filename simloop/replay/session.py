@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -10,13 +11,17 @@ from typing import Any
 import numpy as np
 
 from simloop.common.compile_listener import Report, silent
+from simloop.common.errors import InputError
 from simloop.common.profiler import Profiler
 from simloop.evaluation.provenance import versions
+from simloop.geometry.se2 import transform_points
 from simloop.graph_slam.map_localiser import MapLocaliser
 from simloop.graph_slam.mapper import GraphMapper
+from simloop.graph_slam.scan_tracker import LEAST_POINTS
 from simloop.graph_slam.settings import MappingConfig
 from simloop.graph_slam.warmup import warm_up
 from simloop.mapping.grid_map import GridMap
+from simloop.mapping.map_files import load_map
 from simloop.messages import FloatArray
 from simloop.replay.laser_log import LaserLog, ScanReader
 from simloop.replay.read_log import read_log
@@ -26,6 +31,9 @@ from simloop.replay.relations import (
     times_on_relations_clock,
 )
 from simloop.replay.result import Replay
+
+_FINEST_M, _COARSEST_M = 0.005, 1.0  # cells of a map that a scan is searched in
+_MOST_FAILED = 0.5  # a result is worthless if more of the scans failed
 
 
 def load(log: Path, relations: Path | None) -> tuple[LaserLog, FloatArray | None]:
@@ -39,10 +47,35 @@ def load(log: Path, relations: Path | None) -> tuple[LaserLog, FloatArray | None
         The log, and the relations (m, 5) or None.
 
     Raises:
-        InputError: if a file cannot be read.
+        InputError: if a file cannot be read, or if the relations do not belong to the log.
     """
     read = read_log(log)
-    return read, read_relations(relations) if relations is not None else read.relations
+    given = read_relations(relations) if relations is not None else read.relations
+    if given is not None:  # tell it now, not after the replay
+        relation_errors(times_on_relations_clock(read, given), read.odom, given)
+    return read, given
+
+
+def load_prior(path: Path, config: MappingConfig) -> GridMap:
+    """Read a map to localise the robot in.
+
+    Args:
+        path: the map's YAML file.
+        config: settings.
+
+    Returns:
+        The map.
+
+    Raises:
+        InputError: if it cannot be read, or if its cells are too small or too large to search in.
+    """
+    grid = load_map(path, config.grid)
+    if not _FINEST_M <= grid.resolution_m <= _COARSEST_M:
+        raise InputError(
+            f"--map {path}: resolution {grid.resolution_m:g}: must be from {_FINEST_M:g} to "
+            f"{_COARSEST_M:g} m"
+        )
+    return grid
 
 
 def measure(
@@ -56,12 +89,15 @@ def measure(
         relations: (m, 5) as from ``read_relations``; None if there are none.
 
     Returns:
-        The errors by name; None without relations.
+        The errors by name; None without relations, or if none lies within these poses.
     """
     if relations is None:
         return None
     clock = times_on_relations_clock(log, relations)[: len(poses)]
-    return relation_errors(clock, poses, relations).figures()
+    try:
+        return relation_errors(clock, poses, relations).figures()
+    except InputError:  # the replay was stopped early, or the robot was lost everywhere
+        return None
 
 
 def run(
@@ -100,19 +136,23 @@ def run(
     poses = task.finish()
     wall_s = perf_counter() - began
     count = len(poses)
-    log_s = float(log.t_s[count - 1] - log.t_s[0])
+    log_s = float(log.t_s[count - 1] - log.t_s[0]) if log.measured else None
+    result = task.figures()
+    worthless = judge(count, result)
     figures = {
         "scans": count,
         "interrupted": count < len(log.t_s),
         "log_time_s": log_s,
         "wall_time_s": wall_s,
-        "real_time_factor": log_s / wall_s,
+        "real_time_factor": None if log_s is None else log_s / wall_s,
         **_percentiles("ms_per_scan", 1e3 * np.array(each)),
         **_percentiles("match_ms", np.array(profiler.stage("match").milliseconds)),
         "lines_skipped": log.skipped,
-        **task.figures(),
+        **result,
         "relations": measure(log, poses, relations),
         "odometry_only": measure(log, log.odom[:count], relations),
+        "worthless": worthless,
+        "notes": [*log.notes, *reader.notes, *task.notes()],
         "stages": profiler.summary(wall_s),
         "versions": versions(),
     }
@@ -120,14 +160,35 @@ def run(
                   task.map, figures)  # fmt: skip
 
 
+def judge(scans: int, figures: dict[str, Any]) -> str | None:
+    """Judge whether the result of a replay is of any use.
+
+    Args:
+        scans: number of replayed scans.
+        figures: the task's figures.
+
+    Returns:
+        Why it is worthless; None if it is not.
+    """
+    if figures["occupied_cells"] == 0:
+        blind = figures["scans_blind"]
+        return f"the map is empty: {blind} of {scans} scans have fewer than {LEAST_POINTS} hits"
+    for name, what in (("scans_unmatched", "fitted nowhere"), ("scans_lost", "were not localised")):
+        if figures.get(name, 0) > _MOST_FAILED * scans:
+            return f"{figures[name]} of {scans} scans {what}"
+    return None
+
+
 class _Mapping:
     """Task that gives the scans to the mapper."""
 
     def __init__(self, config: MappingConfig, profiler: Profiler) -> None:
         self._mapper = GraphMapper(config, profiler)
+        self._blind = 0
         self.keyframes: list[int] = []
 
     def step(self, scan: int, points: FloatArray, origins: FloatArray, odom: FloatArray) -> None:
+        self._blind += len(points) < LEAST_POINTS
         if self._mapper.step(points, origins, odom):
             self.keyframes.append(scan)
 
@@ -138,9 +199,24 @@ class _Mapping:
     def figures(self) -> dict[str, Any]:
         return {
             "scans_unmatched": self._mapper.unmatched,
+            "scans_blind": self._blind,
             "keyframes": len(self.keyframes),
             "closures": len(self.closures),
+            "occupied_cells": int(np.count_nonzero(self.map.occupied)),
         }
+
+    def notes(self) -> list[str]:
+        outside = self._hits_outside()
+        return [f"{outside} hits lie outside the largest map, and are not in it"] if outside else []
+
+    def _hits_outside(self) -> int:
+        """Count the keyframes' hits that the map has no room for."""
+        grid, outside = self.map, 0
+        size = grid.resolution_m * np.array(grid.log_odds.shape[::-1])
+        for points, pose in zip(self.keyframe_points, self._mapper.graph.poses, strict=True):
+            off = transform_points(pose, points) - grid.origin_m
+            outside += int(np.count_nonzero(((off < 0.0) | (off > size)).any(axis=1)))
+        return outside
 
     @property
     def keyframe_points(self) -> list[FloatArray]:
@@ -155,7 +231,7 @@ class _Mapping:
             if edge.closure
         ]
 
-    @property
+    @cached_property
     def map(self) -> GridMap:
         return self._mapper.map()
 
@@ -169,10 +245,12 @@ class _Tracking:
         self.map, self._localiser = grid, MapLocaliser(grid, config)
         self._time = profiler.stage("match")
         self._poses: list[FloatArray] = []
+        self._blind = 0
         self.keyframes: list[int] = []
         self.keyframe_points: list[FloatArray] = []
 
     def step(self, scan: int, points: FloatArray, origins: FloatArray, odom: FloatArray) -> None:
+        self._blind += len(points) < LEAST_POINTS
         with self._time:
             found = self._localiser.step(points, odom)
         self._poses.append(self._localiser.pose if found else np.full(3, np.nan))
@@ -186,8 +264,13 @@ class _Tracking:
     def figures(self) -> dict[str, Any]:
         return {
             "scans_lost": len(self._poses) - len(self.keyframes),
+            "scans_blind": self._blind,
             "relocalised": self._localiser.relocalised,
+            "occupied_cells": int(np.count_nonzero(self.map.occupied)),
         }
+
+    def notes(self) -> list[str]:
+        return []
 
 
 def _percentiles(name: str, milliseconds: FloatArray) -> dict[str, float | None]:
