@@ -36,6 +36,13 @@ NAME_CHARACTERS = 200
 """Length of a name that a file or an option gives."""
 
 
+MOVERS = 4_000
+"""Things that move by themselves: their collisions with each other are checked pair by pair."""
+
+LOOSE = 200
+"""Movable bodies: physics solves their contacts in one dense system."""
+
+
 def check_limit(value: float, most: float, what: str, unit: str = "") -> None:
     """Check a size before memory is taken for it.
 

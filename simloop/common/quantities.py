@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import ConfigDict, Field
+from pydantic import AfterValidator, ConfigDict, Field
 from pydantic_core import PydanticCustomError
 
 # The limits are wider than any sensible setting. They are narrow enough that nothing overflows and
@@ -18,12 +18,33 @@ Point = tuple[Coordinate, Coordinate]
 STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 """Configuration of pydantic models: unknown keys, infinity and NaN are errors."""
 
-Positive = Annotated[float, Field(gt=0.0, le=1e6)]
-NonNegative = Annotated[float, Field(ge=0.0, le=1e6)]
-Length = Annotated[float, Field(gt=0.0, le=10.0)]
+LEAST = 1e-9
+"""Least value above 0: squares and quotients of smaller numbers leave the range of a float."""
+
+
+def zero_or_enough(value: float) -> float:
+    """Check that a number is 0 or large enough to calculate with.
+
+    Args:
+        value: The number, 0 or more.
+
+    Returns:
+        The same number.
+
+    Raises:
+        ValueError: If it is above 0 and below ``LEAST``.
+    """
+    if 0.0 < value < LEAST:
+        raise ValueError(f"must be 0, or {LEAST:g} or more, not {value:g}")
+    return value
+
+
+Positive = Annotated[float, Field(ge=LEAST, le=1e6)]
+NonNegative = Annotated[float, Field(ge=0.0, le=1e6), AfterValidator(zero_or_enough)]
+Length = Annotated[float, Field(ge=1e-6, le=10.0)]
 """A length of the robot or of an object near it, m."""
 
-Period = Annotated[float, Field(gt=0.0, le=3600.0)]
+Period = Annotated[float, Field(ge=1e-6, le=3600.0)]
 """The time between two events, s."""
 
 Angle = Annotated[float, Field(ge=0.01, le=3.0)]

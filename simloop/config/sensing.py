@@ -139,7 +139,7 @@ class EkfConfig:
     lateral_walk: Positive = 0.006
     gyro_bias_walk: NonNegative = 2.0e-5
     gauge_ratio_walk: NonNegative = 0.015
-    gauge_ratio: Positive = 1.2
+    gauge_ratio: Annotated[float, Field(ge=0.2, le=10.0)] = 1.2
     gauge_ratio_std: Positive = 0.15
     icr_walk: NonNegative = 0.005
     icr_std_m: Positive = 0.03
@@ -184,7 +184,7 @@ class SlamConfig:
     search_xy_m: Annotated[float, Field(gt=0.0, le=2.0)] = 0.15
     search_yaw_rad: Annotated[float, Field(gt=0.0, le=3.2)] = 0.10
     search_points: Annotated[int, Field(ge=10, le=10_000)] = 90
-    grain_m: Positive = 0.01
+    grain_m: Annotated[float, Field(ge=1e-6, le=1.0)] = 0.01
     refine_steps: Annotated[int, Field(ge=1, le=1000)] = 12
     least_overlap: Fraction = 0.4
     most_residual: Positive = 5.0

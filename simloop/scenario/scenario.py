@@ -12,6 +12,7 @@ from typing import Annotated
 from pydantic import Field, model_validator
 from pydantic.dataclasses import dataclass
 
+from simloop.common.limits import LOOSE, MOVERS
 from simloop.common.quantities import (
     STRICT,
     Coordinate,
@@ -93,8 +94,8 @@ class Scenario:
     bounds_m: Bounds | None = None
     may_be_closed_off: bool = False
     terrain: Terrain | None = None
-    loose: tuple[Loose, ...] = ()
-    movers: tuple[Mover, ...] = ()
+    loose: Annotated[tuple[Loose, ...], Field(max_length=LOOSE)] = ()
+    movers: Annotated[tuple[Mover, ...], Field(max_length=MOVERS)] = ()
     crowd: Crowd | None = None
     goal_motion: GoalMotion | None = None
     faults: tuple[Fault, ...] = ()

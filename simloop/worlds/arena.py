@@ -27,6 +27,7 @@ from simloop.worlds.obstacles import Obstacle
 from simloop.worlds.terrain import Loose, Terrain
 
 _OVERLAP_M = 0.001  # penetration above which two geoms overlap
+_MANY_BODIES, _MANY_LOOSE = 500, 20  # with more, MuJoCo's own size of its memory is too small
 _RIM_M = 0.2  # width of the floor beyond the bounds, on which walls stand
 
 
@@ -306,3 +307,16 @@ def _set_options(world: mujoco.MjSpec, timestep_s: float) -> None:
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     option.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
     option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    _reserve_memory(world)
+
+
+def _reserve_memory(world: mujoco.MjSpec) -> None:
+    """Give MuJoCo room for many bodies; its own rule counts too few, and a step would fail.
+
+    Measured: the search for contacts takes 4 bytes for each pair of bodies. A loose body has some
+    16 rows of constraints on 6 columns of its own, and MuJoCo keeps dense matrices of all of them.
+    """
+    bodies = len(world.bodies)
+    loose = sum(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in world.joints)
+    if bodies > _MANY_BODIES or loose > _MANY_LOOSE:
+        world.memory = max(world.memory, 2**24 + 8 * bodies**2 + 4096 * loose**2)
