@@ -57,7 +57,7 @@ def test_a_run_goes_on_when_a_scan_is_empty_while_a_mover_is_followed():
         "imu.accel_bias_mps2=1e6",
         "slam.grain_m=1e-6",
         "smoother.extra_room_m=1e-17",
-        "ekf.gyro_bias_std=1e6",
+        "ekf.gyro_bias_std=10.0",
     ],
 )
 def test_a_setting_at_its_limit_is_survived(override):
@@ -66,7 +66,13 @@ def test_a_setting_at_its_limit_is_survived(override):
 
 
 @pytest.mark.parametrize(
-    "override", ["slam.grain_m=1e-300", "ekf.gauge_ratio=0.01", "imu.gyro_noise_radps_rthz=1e-300"]
+    "override",
+    [
+        "slam.grain_m=1e-300",
+        "slam.match_std_xy_m=1e6",
+        "ekf.gauge_ratio=0.01",
+        "imu.gyro_noise_radps_rthz=1e-300",
+    ],
 )
 def test_a_number_too_small_to_calculate_with_is_refused_by_name(override):
     with pytest.raises(InputError, match=override.partition("=")[0]):

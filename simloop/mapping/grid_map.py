@@ -281,11 +281,15 @@ class GridMap:
             return True
         res, size = self.resolution_m, np.array(self.log_odds.shape[::-1])
         origin = self.origin_m if size.any() else np.floor(low / res) * res
-        before = np.maximum(0, np.ceil((origin - low) / res / _CHUNK)).astype(int) * _CHUNK
+        before = np.maximum(0.0, np.ceil((origin - low) / res / _CHUNK)) * _CHUNK
         top = origin + size * res
-        after = np.maximum(0, np.ceil((high - top) / res / _CHUNK)).astype(int) * _CHUNK
-        if np.prod(size + before + after, dtype=float) > self._config.max_cells:
+        after = np.maximum(0.0, np.ceil((high - top) / res / _CHUNK)) * _CHUNK
+        # Still in floating point: a place very far away would overflow an integer. NaN is refused,
+        # and so is a line without width.
+        sides = np.maximum(size + before + after, 1.0)
+        if not np.prod(sides) <= self._config.max_cells:
             return False
+        before, after = before.astype(int), after.astype(int)
         self.origin_m = origin
         self._pad(((before[1], after[1]), (before[0], after[0])))
         # Hit sums are relative to the grid's corner, which has moved.

@@ -51,8 +51,21 @@ def test_every_numeric_setting_has_limits_that_hold_its_default():
 
 def test_all_worlds_faults_and_planners_come_up():
     texts = [" ".join(draw_case(0, number).overrides) for number in range(2000)]
-    for word in ("barn", "forest", "rooms", "maze", "gaps", "utrap", "ell", "kidnapped", "glass",
-                 "crowd=", "goal_motion=", "camera.enabled", *(f"={name}" for name in available())):
+    for word in (
+        "barn",
+        "forest",
+        "rooms",
+        "maze",
+        "gaps",
+        "utrap",
+        "ell",
+        "kidnapped",
+        "glass",
+        "crowd=",
+        "goal_motion=",
+        "camera.enabled",
+        *(f"={name}" for name in available()),
+    ):
         assert any(word in text for text in texts), word  # fmt: skip
 
 
