@@ -8,12 +8,13 @@ READY := $(VENV)/.ready
 export OMP_NUM_THREADS ?= 1
 export NUMBA_NUM_THREADS ?= 1
 
-.PHONY: demo test slow lint bench setup clean help
+.PHONY: demo test slow bounds lint bench setup clean help
 
 help:
 	@echo "make demo    drive the robot across the room; recording, pictures and figures in $(RUN)/"
 	@echo "make test    run the tests (a few minutes)"
 	@echo "make slow    run the long tests (many seeds)"
+	@echo "make bounds  run the tests of compiled kernels with every index checked"
 	@echo "make lint    check style, types and the rules of imports"
 	@echo "make bench   measure speed and planners; figures as JSON in runs/bench/"
 	@echo "make setup   install simloop into $(VENV)/ (the other targets do it when needed)"
@@ -40,6 +41,11 @@ test: $(READY)
 
 slow: $(READY)
 	@$(PY) -m pytest -q -m slow
+
+# Code with checks must not get into the cache that all else uses.
+bounds: $(READY)
+	@NUMBA_BOUNDSCHECK=1 NUMBA_OPT=0 NUMBA_CACHE_DIR=$$(mktemp -d) \
+	  $(PY) -m pytest -q -W ignore tests/test_kernel_bounds.py
 
 lint: $(READY)
 	@$(PY) -m ruff check .

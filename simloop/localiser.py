@@ -27,6 +27,7 @@ from simloop.ekf import Ekf
 from simloop.estimation.dead_reckoning import DeadReckoning
 from simloop.estimation.ekf_model import BIAS, ICR_X, RATE, SPEED, STATES
 from simloop.estimation.health import HealthMonitor
+from simloop.estimation.imu_range import ImuRange
 from simloop.estimation.motion_votes import OdometryHistory, Outlier
 from simloop.estimation.relocalise import SearchMap, relocalise
 from simloop.estimation.shove_detector import ShoveDetector
@@ -114,7 +115,7 @@ class Localiser:
         self._sweep_ns = round((scan_s + period_s) * 1e9)
         rows = round((_HISTORY_NS + self._sweep_ns) * 1e-9 / period_s)
         self._odometry = OdometryHistory(rows)
-        self._shoves = ShoveDetector()
+        self._shoves, self._imu_range = ShoveDetector(), ImuRange()
         self._encoders_ns = self._imu_ns = 0
         self._estimate = self.ekf.estimate()
         self._last_fix: PoseFix | None = None
@@ -140,7 +141,7 @@ class Localiser:
         """
         self.messages.clear()
         with self._time["ekf"]:
-            encoders, imu = readings.encoders, readings.imu
+            encoders, imu = readings.encoders, self._imu_range.believed(readings.imu)
             ekf, health, reckoning = self.ekf, self.health, self._reckoning
             before_ns = self._odometry.last_ns
             new_imu = imu.t_ns > self._imu_ns

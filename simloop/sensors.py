@@ -178,6 +178,8 @@ class Lidar:
             The scan if its turn ends now, else None.
         """
         start_ns = before.t_ns - before.t_ns % self._period_ns
+        if self._due_ns[self._next] > now.t_ns - start_ns:
+            return None  # the laser turns so slowly, or has so few beams, that none is due
         part = self._part(before.t_ns - start_ns, now.t_ns - start_ns)
         origins, directions = part.origins, part.directions
         beam_rays(

@@ -161,3 +161,28 @@ def test_the_lasers_place_on_the_body_is_that_of_the_beams():
     x = 1.0 + 0.3 * math.cos(yaw) - 0.2 * math.sin(yaw)
     wall = x + scan.ranges_m * np.cos(scan.angles_rad + yaw)
     assert wall[seen] == pytest.approx(3.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(("rays", "period_s"), [(8, 0.1), (360, 4.0), (9, 0.37)])
+def test_a_period_without_a_beam_casts_nothing_and_no_beam_is_lost(rays, period_s):
+    """The laser has fewer beams in a turn than there are control periods."""
+
+    class CountingWall(Wall):
+        def __init__(self):
+            self.counts = []
+
+        def cast(self, origins_m, directions, cutoff_m):
+            self.counts.append(len(origins_m))
+            return super().cast(origins_m, directions, cutoff_m)
+
+    config = replace(LidarConfig(), rays=rays, noise_m=0.0, dropout=0.0)
+    lidar = Lidar(config, period_s, np.array([0.0, 0.0, 0.2]), np.random.default_rng(0))
+    world, scans = CountingWall(), []
+    for k in range(3 * round(period_s / 0.01)):
+        before, now = truth_at(0.01 * k, (0, 0, 0)), truth_at(0.01 * (k + 1), (0, 0, 0))
+        scan = lidar.sweep(before, now, world)
+        scans += [] if scan is None else [scan]
+    assert len(scans) == 3 and sum(world.counts) == 3 * rays and min(world.counts) > 0
+    seen = np.isfinite(scans[1].ranges_m)
+    x = scans[1].ranges_m[seen] * np.cos(scans[1].angles_rad[seen])
+    assert seen.any() and x == pytest.approx(3.0, abs=1e-9)

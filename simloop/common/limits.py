@@ -97,6 +97,10 @@ TEXT_CHARACTERS = 10_000
 """Length of a text in a scenario, e.g. of its description."""
 
 
+MOVERS = 4_000
+"""Things that move by themselves: their collisions with each other are checked pair by pair."""
+
+
 def check_limit(value: float, most: float, what: str, unit: str = "") -> None:
     """Check a size before memory is taken for it.
 

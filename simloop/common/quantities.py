@@ -18,20 +18,32 @@ Point = tuple[Coordinate, Coordinate]
 STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 """Configuration of pydantic models: unknown keys, infinity and NaN are errors."""
 
-_LEAST = 1e-9  # the square and the inverse of a smaller number leave the range of numbers
+LEAST = 1e-9
+"""Least value above 0: squares and quotients of smaller numbers leave the range of a float."""
 
 
-def _zero_or_sizable(value: float) -> float:
-    if 0.0 < value < _LEAST:
+def zero_or_enough(value: float) -> float:
+    """Check that a number is 0 or large enough to calculate with.
+
+    Args:
+        value: The number, 0 or more.
+
+    Returns:
+        The same number.
+
+    Raises:
+        PydanticCustomError: If it is above 0 and below ``LEAST``.
+    """
+    if 0.0 < value < LEAST:
         raise PydanticCustomError(
-            "too_small", "{text}", {"text": f"must be 0 or at least {_LEAST:g}"}
+            "too_small", "{text}", {"text": f"must be 0 or at least {LEAST:g}"}
         )
     return value
 
 
-Positive = Annotated[float, Field(gt=0.0, le=1e6), AfterValidator(_zero_or_sizable)]
-NonNegative = Annotated[float, Field(ge=0.0, le=1e6), AfterValidator(_zero_or_sizable)]
-Small = Annotated[float, Field(ge=0.0, le=10.0), AfterValidator(_zero_or_sizable)]
+Positive = Annotated[float, Field(gt=0.0, le=1e6), AfterValidator(zero_or_enough)]
+NonNegative = Annotated[float, Field(ge=0.0, le=1e6), AfterValidator(zero_or_enough)]
+Small = Annotated[float, Field(ge=0.0, le=10.0), AfterValidator(zero_or_enough)]
 """A noise, a bias, a margin or a share, 0 to 10 of its unit."""
 
 Scale = Annotated[float, Field(ge=1e-4, le=1e3)]
@@ -43,10 +55,10 @@ Rate = Annotated[float, Field(ge=1e-3, le=1e3)]
 Offset = Annotated[float, Field(ge=-10.0, le=10.0)]
 """A coordinate in base_link, m."""
 
-Length = Annotated[float, Field(gt=0.0, le=10.0), AfterValidator(_zero_or_sizable)]
+Length = Annotated[float, Field(ge=1e-6, le=10.0)]
 """A length of the robot or of an object near it, m."""
 
-Period = Annotated[float, Field(gt=0.0, le=3600.0), AfterValidator(_zero_or_sizable)]
+Period = Annotated[float, Field(ge=1e-6, le=3600.0)]
 """The time between two events, s."""
 
 Angle = Annotated[float, Field(ge=0.01, le=3.0)]

@@ -17,6 +17,7 @@ from simloop.config.driving import (
     SeparationConfig,
     TrackerConfig,
     WatchdogConfig,
+    check_braking,
 )
 from simloop.config.planning import PlannerConfig, SmootherConfig
 from simloop.config.sensing import (
@@ -98,6 +99,12 @@ class Config:
         drive = self.drive
         if self.separation.decel_mps2 > drive.max_brake_mps2:
             raise reject("separation.decel_mps2 is above drive.max_brake_mps2")
+        check_braking(
+            "drive.max_speed_mps",
+            drive.max_speed_mps,
+            "separation.decel_mps2",
+            self.separation.decel_mps2,
+        )
         if self.recovery.back_off_mps > drive.max_speed_mps:
             raise reject("recovery.back_off_mps is above drive.max_speed_mps")
         return self

@@ -15,6 +15,31 @@ from simloop.common.quantities import (
     reject,
 )
 
+_LONGEST_BRAKING_S = 100.0  # how far ahead each velocity is examined grows with this time
+Speed = Annotated[float, Field(ge=1e-3, le=20.0)]
+YawRate = Annotated[float, Field(ge=1e-3, le=100.0)]
+Acceleration = Annotated[float, Field(ge=0.01, le=1e3)]
+YawAcceleration = Annotated[float, Field(ge=0.01, le=1e4)]
+
+
+def check_braking(key: str, speed: float, brake_key: str, brake: float) -> None:
+    """Check that a speed can be braked in a time for which it is worth looking ahead.
+
+    Args:
+        key: The key of the speed or of the yaw rate.
+        speed: Its value, m/s or rad/s.
+        brake_key: The key of the deceleration.
+        brake: Its value, m/s^2 or rad/s^2.
+
+    Raises:
+        PydanticCustomError: If it takes longer.
+    """
+    if speed > _LONGEST_BRAKING_S * brake:
+        raise reject(
+            f"{key} = {speed:g} takes more than {_LONGEST_BRAKING_S:g} s to brake with "
+            f"{brake_key} = {brake:g}"
+        )
+
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class TrackerConfig:
@@ -67,13 +92,13 @@ class DriveConfig:
         angle_error_limit_rad: Limit of the sprockets' angle error, rad (anti-windup).
     """
 
-    max_speed_mps: Rate = 0.47
-    max_track_speed_mps: Rate = 0.49
-    max_yaw_rate_radps: Rate = 1.6
-    max_accel_mps2: Rate = 0.8
-    max_decel_mps2: Rate = 0.6
-    max_brake_mps2: Rate = 1.2
-    max_yaw_accel_radps2: Rate = 6.0
+    max_speed_mps: Speed = 0.47
+    max_track_speed_mps: Speed = 0.49
+    max_yaw_rate_radps: YawRate = 1.6
+    max_accel_mps2: Acceleration = 0.8
+    max_decel_mps2: Acceleration = 0.6
+    max_brake_mps2: Acceleration = 1.2
+    max_yaw_accel_radps2: YawAcceleration = 6.0
     angle_gain_v_per_rad: NonNegative = 20.0
     angle_error_limit_rad: Positive = 0.3
 
@@ -81,6 +106,15 @@ class DriveConfig:
     def _brakes_as_planned(self) -> DriveConfig:
         if self.max_brake_mps2 < self.max_decel_mps2:
             raise reject("drive.max_brake_mps2 is below drive.max_decel_mps2")
+        check_braking(
+            "drive.max_speed_mps", self.max_speed_mps, "drive.max_decel_mps2", self.max_decel_mps2
+        )
+        check_braking(
+            "drive.max_yaw_rate_radps",
+            self.max_yaw_rate_radps,
+            "drive.max_yaw_accel_radps2",
+            self.max_yaw_accel_radps2,
+        )
         return self
 
 
@@ -96,7 +130,7 @@ class MonitorConfig:
     """
 
     margin_m: NonNegative = 0.012
-    reaction_s: NonNegative = 0.15
+    reaction_s: Annotated[float, Field(ge=0.0, le=10.0)] = 0.15
     scans: Annotated[int, Field(ge=1, le=100)] = 3
 
 
@@ -126,12 +160,12 @@ class SeparationConfig:
     """
 
     margin_m: NonNegative = 0.06
-    decel_mps2: Rate = 1.0
+    decel_mps2: Acceleration = 1.0
     grows_mps: NonNegative = 0.1
     grows_share: NonNegative = 0.15
     stands_mps: Positive = 0.1
     stale_s: Positive = 0.6
-    horizon_s: Positive = 1.5
+    horizon_s: Annotated[float, Field(gt=0.0, le=60.0)] = 1.5
     threat_m: NonNegative = 0.10
     worth_m: NonNegative = 0.05
     comfort_m: NonNegative = 0.15
@@ -154,8 +188,8 @@ class RecoveryConfig:
     """
 
     stuck_s: Positive = 1.0
-    back_off_m: Rate = 0.25
-    back_off_mps: Rate = 0.12
+    back_off_m: Positive = 0.25
+    back_off_mps: Speed = 0.12
     attempts: Annotated[int, Field(ge=0, le=1000)] = 8
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 from pydantic.dataclasses import dataclass
 
 from simloop.common.quantities import (
@@ -14,12 +14,17 @@ from simloop.common.quantities import (
     Length,
     NonNegative,
     Period,
-    Positive,
     Rate,
     Scale,
     Small,
     check_range,
+    zero_or_enough,
 )
+
+# The filter multiplies and inverts squares of these: with a wider span they would be mere rounding.
+Deviation = Annotated[float, Field(ge=1e-6, le=10.0)]
+Walk = Annotated[float, Field(ge=1e-6, le=100.0)]
+WalkOrZero = Annotated[float, Field(ge=0.0, le=100.0), AfterValidator(zero_or_enough)]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -137,19 +142,19 @@ class EkfConfig:
         gate_probability: Probability that a correct measurement passes the gate.
     """
 
-    speed_walk: Positive = 0.1
-    yaw_rate_walk: Positive = 1.0
-    lateral_walk: Positive = 0.006
-    gyro_bias_walk: Small = 2.0e-5
-    gauge_ratio_walk: Small = 0.015
-    gauge_ratio: Annotated[float, Field(ge=0.1, le=10.0)] = 1.2
-    gauge_ratio_std: Positive = 0.15
-    icr_walk: Small = 0.005
-    icr_std_m: Positive = 0.03
-    gyro_bias_std: Positive = 3.0e-3
-    encoder_slip_mps: Positive = 0.003
-    map_std_xy_m: Small = 0.0012
-    map_std_yaw_rad: Small = 0.0005
+    speed_walk: Walk = 0.1
+    yaw_rate_walk: Walk = 1.0
+    lateral_walk: Walk = 0.006
+    gyro_bias_walk: WalkOrZero = 2.0e-5
+    gauge_ratio_walk: WalkOrZero = 0.015
+    gauge_ratio: Annotated[float, Field(ge=0.2, le=10.0)] = 1.2
+    gauge_ratio_std: Deviation = 0.15
+    icr_walk: WalkOrZero = 0.005
+    icr_std_m: Deviation = 0.03
+    gyro_bias_std: Deviation = 3.0e-3
+    encoder_slip_mps: Deviation = 0.003
+    map_std_xy_m: WalkOrZero = 0.0012
+    map_std_yaw_rad: WalkOrZero = 0.0005
     gate_probability: Annotated[float, Field(gt=0.5, lt=1.0)] = 0.9999
 
 
@@ -191,8 +196,8 @@ class SlamConfig:
     refine_steps: Annotated[int, Field(ge=1, le=1000)] = 12
     least_overlap: Fraction = 0.4
     most_residual: Annotated[float, Field(ge=1e-3, le=1e6)] = 5.0
-    match_std_xy_m: Annotated[float, Field(ge=1e-6, le=10.0)] = 0.0005
-    match_std_yaw_rad: Annotated[float, Field(ge=1e-6, le=10.0)] = 0.00025
+    match_std_xy_m: Deviation = 0.0005
+    match_std_yaw_rad: Deviation = 0.00025
     beyond_m: Length = 0.5
     prior_map: str = ""
     extend_map: bool = True

@@ -19,7 +19,10 @@ from simloop.common.quantities import (
     check_multiple,
     has_area,
     reject,
+    to_ns,
 )
+
+_MOST_PERIODS = 1_000_000  # the robot remembers its motion of a whole turn of the LiDAR
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -47,6 +50,11 @@ class RatesConfig:
         for slow, fast in pairs:
             long_s, short_s = getattr(self, slow), getattr(self, fast)
             check_multiple(f"rates.{slow}", long_s, f"rates.{fast}", short_s)
+        if to_ns(self.lidar_s) > _MOST_PERIODS * to_ns(self.control_s):
+            raise reject(
+                f"rates.lidar_s = {self.lidar_s:g} s is more than {_MOST_PERIODS:,} times "
+                f"rates.control_s = {self.control_s:g} s"
+            )
         return self
 
 

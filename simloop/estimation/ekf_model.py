@@ -39,6 +39,9 @@ from simloop.messages import FloatArray
 
 X, Y, YAW, SPEED, RATE, BIAS, GAUGE, OFFSET, ICR_X = range(9)
 STATES = 9
+LEAST_GAUGE, MOST_GAUGE = 0.2, 10.0
+"""Bounds of the gauge ratio k: far outside the 1 to 2 for which the drive makes good."""
+
 SLIPPING_VAR = 100.0  # variance of a slipping belt's speed, (m/s)^2: it is nearly ignored
 _BELTS_M = 0.2  # distance that a belt moves per radian of a turn on the spot, m/rad
 
@@ -218,7 +221,10 @@ def correct_scalar(
         variance: Variance of the measurement.
     """
     ph = times(p, row)
-    gain = ph / (dot(row, ph) + variance)
+    total = dot(row, ph) + variance
+    if not total > 0.0:
+        return  # belief and measurement both claim to be exact: there is nothing to weigh
+    gain = ph / total
     n = x.shape[0]
     for i in range(n):
         x[i] += gain[i] * residual
@@ -305,6 +311,9 @@ def predict_and_correct(
         residual = inputs[LEFT + belt] - wheel_speed(x, gauge, side)
         correct_scalar(x, p, wheel_jacobian(x, gauge, side), residual, variance)
     x[YAW] = wrap_angle(x[YAW])
+    # Readings that contradict each other can drive the centres of rotation to where no vehicle has
+    # them; with a gauge of 0 the belts would say nothing any more.
+    x[GAUGE] = min(max(x[GAUGE], LEAST_GAUGE), MOST_GAUGE)
     # Rounding slowly makes the covariance asymmetric, so it is made symmetric again.
     for i in range(STATES):
         for j in range(i):

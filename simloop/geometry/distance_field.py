@@ -77,8 +77,9 @@ def interpolate(distance: NDArray[np.float32], u: float, v: float, free_outside:
     rows, cols = distance.shape
     if free_outside and not (0.0 <= u < cols - 1.0 and 0.0 <= v < rows - 1.0):
         return FREE_M
-    u = min(max(u, 0.0), cols - 1.0)
-    v = min(max(v, 0.0), rows - 1.0)
+    # A NaN fails the comparison, so that no index is made of it.
+    u = min(u, cols - 1.0) if u > 0.0 else 0.0
+    v = min(v, rows - 1.0) if v > 0.0 else 0.0
     # On the last row or column, start from the one before it. A single one is its own neighbour.
     i = min(int(u), cols - 2) if cols > 1 else 0
     j = min(int(v), rows - 2) if rows > 1 else 0

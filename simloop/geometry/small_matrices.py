@@ -124,6 +124,9 @@ def pair_mahalanobis(r: float, s: float, a: float, b: float, c: float) -> float:
         c: Variance of the second value.
 
     Returns:
-        [r, s] [[a, b], [b, c]]^-1 [r, s]^T.
+        [r, s] [[a, b], [b, c]]^-1 [r, s]^T; infinite if that matrix has no inverse.
     """
-    return (c * r * r - 2.0 * b * r * s + a * s * s) / (a * c - b * b)
+    determinant = a * c - b * b
+    if determinant == 0.0:
+        return np.inf
+    return (c * r * r - 2.0 * b * r * s + a * s * s) / determinant

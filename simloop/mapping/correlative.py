@@ -68,6 +68,10 @@ def raise_field(
     rows, cols = fine.shape
     for k in range(places.shape[0]):
         px, py = (places[k, 0] - x0) / resolution, (places[k, 1] - y0) / resolution
+        # Beyond the fields it raises nothing; far beyond, its cell would overflow an integer.
+        across, along = -_REACH <= px < cols + _REACH, -_REACH <= py < rows + _REACH
+        if not (across and along):
+            continue
         col, row = math.floor(px), math.floor(py)
         for r in range(max(0, row - _REACH), min(rows, row + _REACH + 1)):
             for c in range(max(0, col - _REACH), min(cols, col + _REACH + 1)):

@@ -282,10 +282,13 @@ class GridMap:
             return True
         res, size = self.resolution_m, np.array(self.log_odds.shape[::-1])
         origin = self.origin_m if size.any() else np.floor(low / res) * res
-        before = np.maximum(0, np.ceil((origin - low) / res / _CHUNK)) * _CHUNK
+        before = np.maximum(0.0, np.ceil((origin - low) / res / _CHUNK)) * _CHUNK
         top = origin + size * res
-        after = np.maximum(0, np.ceil((high - top) / res / _CHUNK)) * _CHUNK
-        if not np.prod(size + before + after) <= self._config.max_cells:  # also for NaN
+        after = np.maximum(0.0, np.ceil((high - top) / res / _CHUNK)) * _CHUNK
+        # Still in floating point: a place very far away would overflow an integer. NaN is refused,
+        # and so is a line without width.
+        sides = np.maximum(size + before + after, 1.0)
+        if not np.prod(sides) <= self._config.max_cells:
             return False
         before, after = before.astype(int), after.astype(int)
         self.origin_m = origin

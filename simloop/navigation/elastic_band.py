@@ -22,6 +22,7 @@ _LONG_LEG_M = 0.3  # a longer leg that passes an obstacle gets an extra waypoint
 _TURN_M = 0.54  # cost of a turn of 1 rad, m: w2 / w1 of the planner
 _NEAR = 0.5  # price of a metre at the safe distance, relative to the preferred distance
 _TOO_NEAR = 60.0  # extra price per metre by which the clearance is below the safe distance
+_LEAST_ROOM_M = 1e-6  # the price rises over at least this much clearance
 _STEPS_M = (0.03, 0.015, 0.0075)
 _SWEEPS = 2
 
@@ -48,11 +49,12 @@ def leg_cost(
     if length < 1e-6:
         return 0.0
     yaw, count, near = math.atan2(dy, dx), math.ceil(length / _STEP_M), 0.0
+    room = max(preferred - safe, _LEAST_ROOM_M)
     for k in range(count + 1):
         f = k / count
         clear = footprint_clearance(field, a[0] + f * dx, a[1] + f * dy, yaw, offsets)
         if clear < preferred:
-            near += _NEAR * (preferred - clear) / (preferred - safe)
+            near += _NEAR * (preferred - clear) / room
             near += _TOO_NEAR * max(0.0, safe - clear)
     return length + near * length / (count + 1)
 

@@ -255,6 +255,8 @@ def find_clusters(
         One disc for each cluster. If a cluster is too large, such as a wall with a person in front
         of it, its disc covers only the points that moved.
     """
+    if len(points) == 0:
+        return []  # the scan saw nothing: all that is followed is out of sight
     label = label_clusters(points, laser)
     if discs:
         label = label * (len(discs) + 1) + _disc_of_points(points, discs)

@@ -36,13 +36,15 @@ class ArenaRays:
         again from its own origin.
 
         Args:
-            origins_m: (n, 3) in the world, m.
+            origins_m: (n, 3) in the world, m; none in a period without a beam.
             directions: (n, 3) unit vectors in the world.
             cutoff_m: longest range, m.
 
         Returns:
             (n,) ranges, m; -1 where a ray hits nothing within the cutoff.
         """
+        if len(origins_m) == 0:
+            return np.empty(0)
         middle = origins_m[len(origins_m) // 2]
         ranges, normals = self._fan(middle, directions, cutoff_m)
         geom = np.empty(1, np.int32)

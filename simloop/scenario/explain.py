@@ -45,6 +45,10 @@ def _describe(detail: ErrorDetails) -> str:
         return detail["msg"]
     if kind == "too_small":
         return f"{key}: {detail['msg']}, not {short_value(given)}"
+    if kind == "too_long":
+        limits = detail.get("ctx", {})
+        given, most = limits.get("actual_length"), limits.get("max_length")
+        return f"{key}: {given} entries are given; at most {most} are allowed"
     if kind == "value_error":
         return f"{key}: {detail['msg'].removeprefix('Value error, ')}"
     if kind == "finite_number":

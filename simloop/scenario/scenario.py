@@ -12,7 +12,7 @@ from typing import Annotated
 from pydantic import Field, model_validator
 from pydantic.dataclasses import dataclass
 
-from simloop.common.limits import NAME_CHARACTERS, TEXT_CHARACTERS
+from simloop.common.limits import LOOSE_BODIES, MOVERS, NAME_CHARACTERS, TEXT_CHARACTERS
 from simloop.common.quantities import (
     STRICT,
     Coordinate,
@@ -97,8 +97,8 @@ class Scenario:
     model_path: tuple[str, ...] = ()
     may_be_closed_off: bool = False
     terrain: Terrain | None = None
-    loose: tuple[Loose, ...] = ()
-    movers: tuple[Mover, ...] = ()
+    loose: Annotated[tuple[Loose, ...], Field(max_length=LOOSE_BODIES)] = ()
+    movers: Annotated[tuple[Mover, ...], Field(max_length=MOVERS)] = ()
     crowd: Crowd | None = None
     goal_motion: GoalMotion | None = None
     faults: tuple[Fault, ...] = ()

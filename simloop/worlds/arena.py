@@ -34,6 +34,7 @@ from simloop.worlds.terrain import Loose, Terrain
 _OVERLAP_M = 0.001  # penetration above which two geoms overlap
 _FEW_JOINTS = 8  # the vehicle's three, and some loose bodies
 _HEAP_BYTES = 2**29
+_MANY_BODIES = 500  # with more, the search for contacts needs more memory than MuJoCo takes
 _RIM_M = 0.2  # width of the floor beyond the bounds, on which walls stand
 
 
@@ -170,9 +171,6 @@ def compile_spec(
     if payload is not None:
         add_payload(world, payload)
     _set_options(world, timestep_s)
-    if len(world.joints) > _FEW_JOINTS:
-        # A heap has thousands of contacts. Without memory for them, MuJoCo ends the process.
-        world.memory = _HEAP_BYTES
     try:
         # The arena's own warnings have been said when it was read. These are about the joining.
         with warnings_heard(), warnings.catch_warnings():
@@ -353,3 +351,17 @@ def _set_options(world: mujoco.MjSpec, timestep_s: float) -> None:
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     option.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
     option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    _reserve_memory(world)
+
+
+def _reserve_memory(world: mujoco.MjSpec) -> None:
+    """Give MuJoCo room for many bodies: without it, a step would fail and end the process.
+
+    A heap of loose bodies has thousands of contacts. The search for contacts takes 4 bytes for each
+    pair of bodies (measured).
+    """
+    bodies = len(world.bodies)
+    if len(world.joints) > _FEW_JOINTS:
+        world.memory = _HEAP_BYTES
+    if bodies > _MANY_BODIES:
+        world.memory = max(world.memory, 2**24 + 8 * bodies**2)

@@ -137,3 +137,24 @@ def test_after_a_reset_a_track_has_to_be_found_anew():
     assert tracker.tracks is None and tracker.discs_at(20 * SCAN_NS) is None
     points = room_scan(np.zeros(2), [(0.0, 1.5, 0.2)])
     assert tracker.update(points, np.zeros(2), np.zeros(3), 20 * SCAN_NS) is None
+
+
+def test_a_scan_without_a_hit_has_no_clusters():
+    nothing = np.empty((0, 2))
+    known = [(np.array([1.0, 0.0]), 0.2)]
+    assert find_clusters(nothing, np.zeros(2), np.zeros(0, bool)) == []
+    assert find_clusters(nothing, np.zeros(2), np.zeros(0, bool), known) == []
+
+
+def test_a_followed_mover_fades_while_nothing_is_seen():
+    """Every beam is lost from one scan to the next: the track is kept a while, then dropped."""
+    tracker, laser, pose = MoverTracker(), np.zeros(2), np.zeros(3)
+    for k in range(25):
+        points = room_scan(np.zeros(2), [(2.0 - 0.05 * k, 0.5, 0.2)])
+        tracker.update(points, laser, pose, k * SCAN_NS)
+    assert tracker.tracks is not None
+    for k in range(25, 70):
+        assert tracker.update(np.empty((0, 2)), laser, pose, k * SCAN_NS) is None
+        if k == 25:
+            assert tracker.tracks is not None
+    assert tracker.tracks is None

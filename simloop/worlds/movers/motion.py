@@ -101,8 +101,10 @@ def clearance_at(floor: FloorField, x: float, y: float) -> tuple[float, float, f
     """
     # Interpolate the distance bilinearly. Its gradient points away from the nearest obstacle.
     rows, cols = floor.distance.shape
-    u = min(max((x - floor.x) / floor.cell - 0.5, 0.0), cols - 1.001)
-    v = min(max((y - floor.y) / floor.cell - 0.5, 0.0), rows - 1.001)
+    # A NaN fails the comparison, so that no index is made of it.
+    u, v = (x - floor.x) / floor.cell - 0.5, (y - floor.y) / floor.cell - 0.5
+    u = min(u, max(cols - 1.001, 0.0)) if u > 0.0 else 0.0
+    v = min(v, max(rows - 1.001, 0.0)) if v > 0.0 else 0.0
     i, j = int(u), int(v)
     a, b = u - i, v - j
     i1, j1 = min(i + 1, cols - 1), min(j + 1, rows - 1)

@@ -1,0 +1,102 @@
+"""Runs at the limits of the settings, and with faults that leave the robot nothing to see.
+
+None may end in an exception, and the robot's belief stays a number. What the robot makes of it is
+tested elsewhere.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from simloop.common.errors import InputError
+from simloop.loop import Simulation
+from simloop.messages import Estimate, MoverTracks
+from simloop.scenario.build import build_world
+from simloop.scenario.load import load
+
+SHARED = Path(__file__).parents[2] / "shared" / "cases"
+ALL_LOST = "faults=[{kind='beams_dropped', at_s=3.0, share=1.0, for_s=0.0}]"
+
+
+def _run(scenario, seconds, *overrides):
+    """Run a scenario; return the result, the last belief and whether anything was followed."""
+    last, followed = [], []
+
+    def hear(message):
+        if isinstance(message, Estimate):
+            assert np.isfinite(message.state).all() and np.isfinite(message.covariance).all()
+            last[:] = [message]
+        elif isinstance(message, MoverTracks):
+            followed.append(message.t_ns)
+
+    given = load(str(scenario), [f"time_limit_s={seconds}", *overrides], seed=0)
+    return Simulation(given, [hear]).run(), last[0], followed
+
+
+def _written(folder, text):
+    path = folder / "given.toml"
+    path.write_text("start = [0.0, 0.0, 0.0]\ngoal = [6.0, 0.0]\n" + text)
+    return path
+
+
+def test_a_run_goes_on_when_a_scan_is_empty_while_a_mover_is_followed():
+    result, _, followed = _run("hall", 5.0, ALL_LOST)
+    assert any(t_ns < 3e9 for t_ns in followed)
+    assert result.metrics["sim_time_s"] > 3.2
+
+
+@pytest.mark.parametrize(
+    "override",
+    [
+        "lidar.rays=8",  # fewer beams than control periods in a turn
+        "rates.lidar_s=4.0",
+        "imu.gyro_bias_radps=1000.0",
+        "imu.accel_bias_mps2=1e6",
+        "slam.grain_m=1e-6",
+        "smoother.extra_room_m=1e-17",
+        "ekf.gyro_bias_std=10.0",
+    ],
+)
+def test_a_setting_at_its_limit_is_survived(override):
+    result, _, _ = _run("experiment", 2.5, override)
+    assert result.metrics["sim_time_s"] > 1.0
+
+
+@pytest.mark.parametrize(
+    "override",
+    [
+        "slam.grain_m=1e-300",
+        "slam.match_std_xy_m=1e6",
+        "ekf.gauge_ratio=0.01",
+        "imu.gyro_noise_radps_rthz=1e-300",
+    ],
+)
+def test_a_number_too_small_to_calculate_with_is_refused_by_name(override):
+    with pytest.raises(InputError, match=override.partition("=")[0]):
+        load("experiment", [override])
+
+
+def test_more_bodies_than_mujoco_reserves_memory_for(tmp_path):
+    places = [(2.0 + 0.5 * (k // 50), 0.5 * (k % 50) - 20.0) for k in range(2200)]
+    mover = "[[movers]]\nmotion = 'walk'\nposition_m = [{}, {}]\n"
+    movers = "".join(mover.format(*place) for place in places)
+    path = _written(tmp_path, "bounds_m = [-3.0, -30.0, 40.0, 30.0]\n" + movers)
+    assert build_world(load(str(path), [])).model.nmocap == 2200
+    many = _written(tmp_path, mover.format(3.0, 0.0) * 4001)
+    with pytest.raises(InputError, match=r"movers: 4001 .* at most 4000"):
+        load(str(many), [])
+
+
+def _shared(name):
+    path = SHARED / name
+    if not path.is_file():
+        pytest.skip(f"no {path.name} beside this clone")
+    return path
+
+
+def test_shared_a_mover_and_nothing_else():
+    result, _, _ = _run(_shared("25-movers-and-empty-scans/mover_and_nothing_else.toml"), 30.0)
+    assert result.metrics["sim_time_s"] > 5.0
