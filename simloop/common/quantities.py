@@ -58,7 +58,7 @@ Offset = Annotated[float, Field(ge=-10.0, le=10.0)]
 Length = Annotated[float, Field(ge=1e-6, le=10.0)]
 """A length of the robot or of an object near it, m."""
 
-Period = Annotated[float, Field(ge=1e-6, le=3600.0)]
+Period = Annotated[float, Field(gt=0.0, le=3600.0), AfterValidator(zero_or_enough)]
 """The time between two events, s."""
 
 Angle = Annotated[float, Field(ge=0.01, le=3.0)]

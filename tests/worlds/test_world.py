@@ -113,7 +113,7 @@ def judged(*overrides):
 )
 def test_what_the_robot_believes_of_itself_does_not_move_the_judge(belief):
     """The robot stands at the start for half a second, whatever it believes."""
-    assert judged(belief, "motor.supply_v=0.001") == judged("motor.supply_v=0.001")
+    assert judged(belief, "motor.supply_v=0.1") == judged("motor.supply_v=0.1")
 
 
 @pytest.mark.parametrize("name", ["clutter", "maze", "barn", "forest", "hall"])
@@ -133,7 +133,7 @@ def test_a_start_is_judged_by_the_true_outline():
 def test_movers_meet_the_true_outline():
     """A mover walks into the side of the robot, which believes that it is as narrow as a plank."""
     keys = "movers=[{motion='constant', position_m=[1.0, 3.0], heading_rad=-1.5708}]"
-    overrides = ["start=[1.0, 1.0, 0.0]", "motor.supply_v=0.001", "time_limit_s=8", keys]
+    overrides = ["start=[1.0, 1.0, 0.0]", "motor.supply_v=0.1", "time_limit_s=8", keys]
 
     def places(*more):
         scenario = replace(load("hall", [*overrides, *more]), crowd=None)
