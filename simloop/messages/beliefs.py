@@ -31,6 +31,11 @@ class HealthReason(StrEnum):
     NO_SCANS = "no scans"
     NOTHING_SEEN = "nothing in sight"
     MISFIT = "scans do not fit"
+    NEVER_SEEN = "nothing has ever come back"
+    BLIND = "beams do not come back"
+    THIN = "many beams do not come back"
+    NOISY = "ranges are noisy"
+    UNSURE = "pose is uncertain"
     LOST = "lost"
 
 

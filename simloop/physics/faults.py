@@ -55,7 +55,7 @@ _TIMES = ("kind", "at_s", "for_s")
 # A push is a spring and a damper with a limit on the force.
 _PUSH_N, _PUSH_N_PER_M, _PUSH_NS_PER_M = 250.0, 4000.0, 300.0
 _THROUGH_M = 1e-3  # a beam starts again this far behind the surface of a pane
-_PANES = 4  # one beam passes through this many glass surfaces at most
+_PANES = 4  # a beam that meets more glass surfaces than this is too weak to come back
 
 
 def keys_of(kind: str) -> tuple[str, ...]:
@@ -349,7 +349,7 @@ class Glass:
         self._world, self._panes, self.t_ns = world, panes, 0
 
     def cast(self, origins_m: FloatArray, directions: FloatArray, cutoff_m: float) -> FloatArray:
-        """Measure ranges as `RayCaster.cast` does. A beam passes through four surfaces at most.
+        """Measure ranges as `RayCaster.cast` does. After four surfaces nothing comes back.
 
         Args:
             origins_m: (n, 3) in the world, m.
@@ -362,15 +362,18 @@ class Glass:
         ranges = self._world.cast(origins_m, directions, cutoff_m)
         panes = [p for p in self._panes if p.on(self.t_ns)]
         boxes = [np.array((p.min_m, p.max_m), np.float64) for p in panes]
-        for _ in range(_PANES):
+        for panes in range(_PANES + 1):
             ends = origins_m + ranges[:, None] * directions
             inside = np.zeros(len(ranges), bool)
             for low, high in boxes:
                 inside |= np.all((ends[:, :2] >= low) & (ends[:, :2] <= high), axis=1)
+            inside &= ranges >= 0.0
+            if panes == _PANES:
+                ranges[inside] = -1.0
+            elif not inside.any():
+                break
             for i in np.nonzero(inside & (ranges >= 0.0))[0]:
                 ranges[i] = self._beyond(ends[i], directions[i], ranges[i], cutoff_m)
-            if not inside.any():
-                break
         return ranges
 
     def _beyond(
