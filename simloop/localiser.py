@@ -31,7 +31,7 @@ from simloop.estimation.map_drift import MapDrift
 from simloop.estimation.motion_votes import OdometryHistory, Outlier
 from simloop.estimation.relocalise import SearchMap, relocalise
 from simloop.estimation.shove_detector import ShoveDetector
-from simloop.estimation.sight import SightMonitor, firm_beams
+from simloop.estimation.sight import SightMonitor
 from simloop.geometry.se2 import between, compose
 from simloop.messages import (
     Estimate,
@@ -62,6 +62,8 @@ _AGREE_M, _AGREE_RAD = 0.08, 0.05  # largest difference of two successive search
 _NEAR_M, _NEAR_RAD = 0.3, 0.3  # surroundings of a belief in which a poor view may correct it
 _GIVE_UP_NS = 10_000_000_000  # the robot gives up after this time lost, halted or without scans
 _WRONG_M, _WRONG_RAD = 0.1, 0.1  # a pose that is off by more is wrong
+_TILT_NS = 500_000_000  # the tilt is the mean over this time
+_IN_PLANE_M = 0.05  # beams that rise or fall by less than this still meet what they met before
 _NOISY_M = 0.05  # ranges with more noise than this cannot hold a pose to a tenth of a metre
 _EXPECTED_NOISE_M = 0.04  # the matcher's covariance accounts for less noise than this
 _NOWHERE = np.empty((0, 2))
@@ -271,9 +273,11 @@ class Localiser:
 
     def _judge_sight(self, scan: LidarScan, pose: FloatArray) -> FloatArray:
         """Judge whether the LiDAR sees; (k, 2) in map, m, what stands though it is not seen."""
-        unanswered, recent = self.slam.unanswered(scan, pose)
-        firm = firm_beams(scan.ranges_m)
-        sight = self._sight.judge(len(scan.ranges_m), firm, recent, len(unanswered))
+        # A tilted robot's beams pass over what they met before, or meet the ground.
+        tilt = self._odometry.tilt(scan.t_ns - _TILT_NS, scan.t_ns)
+        reach_m = _IN_PLANE_M / max(tilt, 1e-6)
+        unanswered, recent = self.slam.unanswered(scan, pose, reach_m)
+        sight = self._sight.judge(scan.ranges_m, recent, len(unanswered))
         self.health.sees(scan.t_ns, sight)
         self._sight.measure_noise(scan.ranges_m)
         if self._sight.noise_m > _NOISY_M:

@@ -126,12 +126,15 @@ class GridSlam:
         covariance = self._covariance(information, residual) if ok else np.array(prior_covariance)
         return PoseFix(scan.t_ns, pose, covariance, share, ok)
 
-    def unanswered(self, scan: LidarScan, pose: FloatArray) -> tuple[FloatArray, int]:
+    def unanswered(
+        self, scan: LidarScan, pose: FloatArray, reach_m: float
+    ) -> tuple[FloatArray, int]:
         """Find the surfaces that the scan of the last ``match`` should have measured and did not.
 
         Args:
             scan: That scan.
             pose: (3,) x, y, yaw of base_link in map at the scan's end.
+            reach_m: Distance up to which the beams stay in the map's plane, m.
 
         Returns:
             The places (k, 2) in map, m, that silent beams cross, one for each of these beams, and
@@ -142,7 +145,7 @@ class GridSlam:
             return _NOWHERE, 0
         ends, origins = deskew(
             scan.angles_rad[silent],
-            np.full(np.count_nonzero(silent), scan.range_max_m),
+            np.full(np.count_nonzero(silent), min(reach_m, scan.range_max_m)),
             scan.t_ns - scan.age_ns[silent],
             np.array([0.0, scan.range_max_m]),
             *self._sweep,

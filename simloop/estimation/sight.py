@@ -27,6 +27,7 @@ _PROOF_SHARE = 1.0 / 12.0  # so many firm beams prove that the sensor works: 30 
 _BLIND_SHARE = 0.5  # more missing beams than this share: the sensor is blind
 _SEES_SHARE = 0.3  # a blind sensor sees again below this share
 _THIN_SHARE = 0.15  # more missing beams than this share: silence does not count as free
+_STREWN_SHARE = 1.0 / 6.0  # more changes than this between answer and silence: strewn silence
 _SCANS_TO_DECIDE = 2  # scans in a row that make a sensor blind, or make it see again
 _SMOOTH_SHARE = 0.2  # at least this share of three beams in a row lie on one smooth surface
 _QUANTILE_OF_NOISE = 0.2533 * 6.0**0.5  # that quantile of |a - 2 b + c| for a noise of one
@@ -69,6 +70,12 @@ def firm_beams(ranges_m: FloatArray) -> int:
     """
     answered = np.isfinite(ranges_m)
     return int(np.sum(answered & (np.roll(answered, 1) | np.roll(answered, -1))))
+
+
+def _changes(ranges_m: FloatArray) -> int:
+    """Count how often answer and silence change around a turn (n,)."""
+    answered = np.isfinite(ranges_m)
+    return int(np.sum(answered != np.roll(answered, 1)))
 
 
 def range_noise(ranges_m: FloatArray) -> float:
@@ -122,23 +129,26 @@ class SightMonitor:
             self._noise.append(noise)
             self.noise_m = float(np.median(self._noise))
 
-    def judge(self, beams: int, firm: int, missing: int, known_missing: int) -> Sight:
-        """Take the figures of a scan.
+    def judge(self, ranges_m: FloatArray, missing: int, known_missing: int) -> Sight:
+        """Take a scan.
 
         Args:
-            beams: Number of beams of the scan.
-            firm: Number of firm beams, see `firm_beams`.
+            ranges_m: (n,) as in `silent_beams`.
             missing: Silent beams that cross a surface that was measured in one of the last scans.
             known_missing: Silent beams that cross any surface of the map.
 
         Returns:
             The verdict after this scan.
         """
+        beams, firm = len(ranges_m), firm_beams(ranges_m)
         least = max(_LEAST_BEAMS, round(_LEAST_SHARE * beams))
         self._proven |= firm >= max(_LEAST_BEAMS, _PROOF_SHARE * beams)
         share = missing / (missing + firm) if missing >= least else 0.0
         of_all = known_missing / (known_missing + firm) if known_missing + firm else 0.0
-        self.silence_is_free = self._proven and share <= _THIN_SHARE
+        # What hides behind an edge, or over which a tilted robot looks, lies side by side. Beams
+        # that get lost are strewn all round.
+        thin = share > _THIN_SHARE and _changes(ranges_m) > _STREWN_SHARE * beams
+        self.silence_is_free = self._proven and not (thin or share > _BLIND_SHARE)
         self._bad = self._bad + 1 if share > _BLIND_SHARE else 0
         self._good = self._good + 1 if firm >= least and of_all < _SEES_SHARE else 0
         if not self._proven:
@@ -146,5 +156,5 @@ class SightMonitor:
         elif self._bad >= _SCANS_TO_DECIDE:
             self.sight = Sight.BLIND
         elif self.sight is not Sight.BLIND or self._good >= _SCANS_TO_DECIDE:
-            self.sight = Sight.THIN if share > _THIN_SHARE else Sight.CLEAR
+            self.sight = Sight.THIN if thin else Sight.CLEAR
         return self.sight
