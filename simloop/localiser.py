@@ -30,7 +30,7 @@ from simloop.estimation.health import HealthMonitor
 from simloop.estimation.map_drift import MapDrift
 from simloop.estimation.motion_votes import OdometryHistory, Outlier
 from simloop.estimation.relocalise import SearchMap, relocalise
-from simloop.estimation.shove_detector import ShoveDetector
+from simloop.estimation.shove_detector import ShoveDetector, SlideDetector
 from simloop.estimation.sight import SightMonitor
 from simloop.geometry.se2 import between, compose
 from simloop.messages import (
@@ -64,6 +64,7 @@ _GIVE_UP_NS = 10_000_000_000  # the robot gives up after this time lost, halted 
 _WRONG_M, _WRONG_RAD = 0.1, 0.1  # a pose that is off by more is wrong
 _TILT_NS = 500_000_000  # the tilt is the mean over this time
 _IN_PLANE_M = 0.05  # beams that rise or fall by less than this still meet what they met before
+_HELD_VAR = 0.02**2  # a position with less variance than this is held by fixes, m^2
 _NOISY_M = 0.05  # ranges with more noise than this cannot hold a pose to a tenth of a metre
 _EXPECTED_NOISE_M = 0.04  # the matcher's covariance accounts for less noise than this
 _NOWHERE = np.empty((0, 2))
@@ -129,7 +130,7 @@ class Localiser:
         self._sweep_ns = round((scan_s + period_s) * 1e9)
         rows = round((_HISTORY_NS + self._sweep_ns) * 1e-9 / period_s)
         self._odometry = OdometryHistory(rows)
-        self._shoves = ShoveDetector()
+        self._shoves, self._slides = ShoveDetector(), SlideDetector()
         self._encoders_ns = self._imu_ns = 0
         self._estimate = self.ekf.estimate()
         self._last_fix: PoseFix | None = None
@@ -263,6 +264,10 @@ class Localiser:
         """
         estimate = self._estimate
         with self._time["ekf"]:
+            xy_var = float(np.trace(self.ekf.covariance_in_map[:2, :2]))
+            self._slides.update(estimate.t_ns, estimate.state, xy_var < _HELD_VAR)
+            if self._slides.slippery(estimate.t_ns):
+                self.health.note(estimate.t_ns, HealthReason.SLIDES)
             if self._is_unsure():
                 self.health.note(estimate.t_ns, HealthReason.UNSURE)
             self.messages.append(self._reckoning.frames(estimate))

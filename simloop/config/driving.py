@@ -171,6 +171,7 @@ class WatchdogConfig:
         estimate_s: Largest delay of the estimate, s.
         image_s: Longest time without an image, if there is a depth camera, s.
         unheard_mps: Speed limit while neither belt's counts are available, m/s.
+        slippery_mps: Speed limit on ground on which the robot has slid, m/s.
         thin_mps: Speed limit while many beams of the LiDAR do not come back, m/s.
     """
 
@@ -179,3 +180,4 @@ class WatchdogConfig:
     image_s: Positive = 0.5
     unheard_mps: Positive = 0.15
     thin_mps: Positive = 0.15
+    slippery_mps: Positive = 0.15

@@ -30,9 +30,10 @@ class Stale(StrEnum):
     LATE = "the estimate lags behind"
     NO_BELTS = "no belt is heard"
     THIN = "many beams do not come back"
+    SLIPPERY = "the ground is slippery"
 
 
-_SLOWING = (Stale.NO_BELTS, Stale.THIN)
+_SLOWING = (Stale.NO_BELTS, Stale.THIN, Stale.SLIPPERY)
 _BOTH_BELTS = {HealthReason.LEFT_BELT, HealthReason.RIGHT_BELT}
 _DRIVEN_RADPS = 1.4  # of both sprockets: 5 cm/s, two counts a period
 _STANDING_TICKS = 10  # twenty counts that have not come
@@ -103,7 +104,10 @@ class Watchdog:
             return math.inf
         if self.stops:
             return 0.0
-        return self._config.thin_mps if self.cause is Stale.THIN else self._config.unheard_mps
+        config = self._config
+        return {Stale.THIN: config.thin_mps, Stale.SLIPPERY: config.slippery_mps}.get(
+            self.cause, config.unheard_mps
+        )
 
     def check(
         self,
@@ -147,4 +151,6 @@ class Watchdog:
             return Stale.NO_MOTION_SENSOR if HealthReason.NO_IMU in reasons else Stale.NO_BELTS
         if _BOTH_BELTS.issubset(reasons):
             return Stale.NO_BELTS
+        if HealthReason.SLIDES in reasons:
+            return Stale.SLIPPERY
         return Stale.THIN if HealthReason.THIN in reasons else Stale.NOTHING

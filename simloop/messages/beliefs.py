@@ -28,6 +28,7 @@ class HealthReason(StrEnum):
     NO_IMU = "no imu readings"
     NO_COUNTS = "no encoder counts"
     SHOVED = "moved by something else"
+    SLIDES = "slides on the ground"
     NO_SCANS = "no scans"
     NOTHING_SEEN = "nothing in sight"
     MISFIT = "scans do not fit"
