@@ -65,6 +65,7 @@ _WRONG_M, _WRONG_RAD = 0.1, 0.1  # a pose that is off by more is wrong
 _TILT_NS = 500_000_000  # the tilt is the mean over this time
 _IN_PLANE_M = 0.05  # beams that rise or fall by less than this still meet what they met before
 _HELD_VAR = 0.02**2  # a position with less variance than this is held by fixes, m^2
+_UNMEASURED = {HealthReason.NO_COUNTS, HealthReason.NO_IMU}  # then the speed is a guess
 _NOISY_M = 0.05  # ranges with more noise than this cannot hold a pose to a tenth of a metre
 _EXPECTED_NOISE_M = 0.04  # the matcher's covariance accounts for less noise than this
 _NOWHERE = np.empty((0, 2))
@@ -264,17 +265,23 @@ class Localiser:
         """
         estimate = self._estimate
         with self._time["ekf"]:
-            xy_var = float(np.trace(self.ekf.covariance_in_map[:2, :2]))
-            self._slides.update(estimate.t_ns, estimate.state, xy_var < _HELD_VAR)
-            if self._slides.slippery(estimate.t_ns):
-                self.health.note(estimate.t_ns, HealthReason.SLIDES)
-            if self._is_unsure():
-                self.health.note(estimate.t_ns, HealthReason.UNSURE)
+            self._note_doubts(estimate)
             self.messages.append(self._reckoning.frames(estimate))
             changed = self.health.review(estimate.t_ns)
         if changed is not None:
             self.messages += [changed, _event_of(changed)]
         return estimate
+
+    def _note_doubts(self, estimate: Estimate) -> None:
+        """Note whether the robot slides, and whether its pose is uncertain."""
+        health, t_ns = self.health, estimate.t_ns
+        held = float(np.trace(self.ekf.covariance_in_map[:2, :2])) < _HELD_VAR
+        measured = _UNMEASURED.isdisjoint(health.current.reasons)
+        self._slides.update(t_ns, estimate.state, held and measured)
+        if self._slides.slippery(t_ns):
+            health.note(t_ns, HealthReason.SLIDES)
+        if self._is_unsure():
+            health.note(t_ns, HealthReason.UNSURE)
 
     def _judge_sight(self, scan: LidarScan, pose: FloatArray) -> FloatArray:
         """Judge whether the LiDAR sees; (k, 2) in map, m, what stands though it is not seen."""
@@ -283,7 +290,7 @@ class Localiser:
         reach_m = _IN_PLANE_M / max(tilt, 1e-6)
         unanswered, recent = self.slam.unanswered(scan, pose, reach_m)
         sight = self._sight.judge(scan.ranges_m, recent, len(unanswered))
-        self.health.sees(scan.t_ns, sight)
+        self.health.sees(sight)
         self._sight.measure_noise(scan.ranges_m)
         if self._sight.noise_m > _NOISY_M:
             self.health.note(scan.t_ns, HealthReason.NOISY)

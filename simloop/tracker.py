@@ -172,8 +172,8 @@ class Tracker:
 
     Attributes:
         arrived: Whether the robot believes that it is within the goal's tolerance.
-        doubts_since_ns: When the robot came to believe that it is at the goal, ns, while its pose is
-            too uncertain to say so; else None.
+        doubts_since_ns: When the robot came to believe that it is at the goal, ns, while its pose
+            is too uncertain to say so; else None.
         turning: Whether it turns on the spot.
         reverses: Whether it goes rear first; may be changed on the way.
     """

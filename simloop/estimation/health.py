@@ -138,6 +138,8 @@ class HealthMonitor:
             informative: Whether it had enough points to contradict the belief.
         """
         self._last_scan_ns = t_ns
+        if self._sight in (Sight.CLEAR, Sight.THIN):
+            self._seen_ns = t_ns
         if not informative:
             self.note(t_ns, HealthReason.NOTHING_SEEN)
         elif taken:
@@ -150,16 +152,13 @@ class HealthMonitor:
         if self._misfits >= _MISFITS_TO_BE_LOST and not self.lost:
             self.lost_since_ns = t_ns
 
-    def sees(self, t_ns: int, sight: Sight) -> None:
+    def sees(self, sight: Sight) -> None:
         """Record the verdict on the LiDAR after a scan.
 
         Args:
-            t_ns: Stamp of the scan, ns.
             sight: How well it sees.
         """
         self._sight = sight
-        if sight in (Sight.CLEAR, Sight.THIN):
-            self._seen_ns = t_ns
 
     def found(self) -> None:
         """Record that the robot has found its pose again."""

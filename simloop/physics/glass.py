@@ -65,13 +65,13 @@ class Glass:
         ranges = self._world.cast(origins_m, directions, cutoff_m)
         panes = [p for p in self._panes if p.on(self.t_ns)]
         boxes = [np.array((p.min_m, p.max_m), np.float64) for p in panes]
-        for panes in range(_PANES + 1):
+        for passed in range(_PANES + 1):
             ends = origins_m + ranges[:, None] * directions
             inside = np.zeros(len(ranges), bool)
             for low, high in boxes:
                 inside |= np.all((ends[:, :2] >= low) & (ends[:, :2] <= high), axis=1)
             inside &= ranges >= 0.0
-            if panes == _PANES:
+            if passed == _PANES:
                 ranges[inside] = -1.0
             elif not inside.any():
                 break
