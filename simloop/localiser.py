@@ -28,9 +28,11 @@ from simloop.estimation.dead_reckoning import DeadReckoning
 from simloop.estimation.ekf_model import BIAS, ICR_X, RATE, SPEED, STATES
 from simloop.estimation.health import HealthMonitor
 from simloop.estimation.imu_range import ImuRange
+from simloop.estimation.map_drift import MapDrift
 from simloop.estimation.motion_votes import OdometryHistory, Outlier
 from simloop.estimation.relocalise import SearchMap, relocalise
-from simloop.estimation.shove_detector import ShoveDetector
+from simloop.estimation.shove_detector import ShoveDetector, SlideDetector
+from simloop.estimation.sight import SightMonitor
 from simloop.geometry.se2 import between, compose
 from simloop.messages import (
     Estimate,
@@ -46,6 +48,9 @@ from simloop.messages import (
 )
 from simloop.slam_grid import GridSlam
 
+# With less than this share of its beams matched, a scan sees too little to overrule the other
+# sensors by itself, or to tell one place of the map from all others.
+_RICH_SHARE = 1.0 / 3.0
 _INFORMATIVE_POINTS = 30  # a scan with fewer points, e.g. of two posts, contradicts no belief
 _POOR_SCORE = 0.6  # a match with a smaller share of matched points may be chance
 # A match with a higher score and a smaller offset from the belief is accepted even if no other
@@ -55,7 +60,16 @@ _SURE_SCORE, _SLIGHT_M, _SLIGHT_RAD = 0.9, 0.03, 0.03
 _LEAST_BIAS_JUMP_RADPS = 0.03  # least standard deviation that is added to the gyro's bias
 _RELOCALISED_COVARIANCE = np.diag([0.05**2, 0.05**2, 0.05**2])  # of x, y, yaw after a search
 _AGREE_M, _AGREE_RAD = 0.08, 0.05  # largest difference of two successive search results
+_NEAR_M, _NEAR_RAD = 0.3, 0.3  # surroundings of a belief in which a poor view may correct it
 _GIVE_UP_NS = 10_000_000_000  # the robot gives up after this time lost, halted or without scans
+_WRONG_M, _WRONG_RAD = 0.1, 0.1  # a pose that is off by more is wrong
+_TILT_NS = 500_000_000  # the tilt is the mean over this time
+_IN_PLANE_M = 0.05  # beams that rise or fall by less than this still meet what they met before
+_HELD_VAR = 0.02**2  # a position with less variance than this is held by fixes, m^2
+_UNMEASURED = {HealthReason.NO_COUNTS, HealthReason.NO_IMU}  # then the speed is a guess
+_NOISY_M = 0.05  # ranges with more noise than this cannot hold a pose to a tenth of a metre
+_EXPECTED_NOISE_M = 0.04  # the matcher's covariance accounts for less noise than this
+_NOWHERE = np.empty((0, 2))
 _HISTORY_NS = 800_000_000  # span of the odometry history: a later scan cannot be compared
 
 
@@ -72,6 +86,8 @@ class Located:
         taken: Whether the filter accepted the fix.
         informative: Whether the scan has enough points to contradict the belief.
         relocalised: Whether the pose comes from a search of the whole map. Then it has jumped.
+        unanswered_m: (k, 2) in map, m: known surfaces that the scan should have measured and did
+            not, while its silence does not count as free space.
     """
 
     scan: LidarScan
@@ -81,6 +97,7 @@ class Located:
     taken: bool
     informative: bool
     relocalised: bool
+    unanswered_m: FloatArray
 
 
 class Localiser:
@@ -115,12 +132,16 @@ class Localiser:
         self._sweep_ns = round((scan_s + period_s) * 1e9)
         rows = round((_HISTORY_NS + self._sweep_ns) * 1e-9 / period_s)
         self._odometry = OdometryHistory(rows)
-        self._shoves, self._imu_range = ShoveDetector(), ImuRange()
+        self._shoves, self._slides = ShoveDetector(), SlideDetector()
+        self._imu_range = ImuRange()
         self._encoders_ns = self._imu_ns = 0
         self._estimate = self.ekf.estimate()
         self._last_fix: PoseFix | None = None
         self._bias_at_fix = 0.0
         self._candidate: PoseFix | None = None
+        self._rich = False  # whether most of the last scan was compared with the map
+        self._sight = SightMonitor(config.monitor.open_ground)
+        self._drift = MapDrift()
         self._time = {name: profiler.stage(name) for name in ("ekf", "slam")}
 
     @property
@@ -128,6 +149,11 @@ class Localiser:
         """Whether the robot has been lost, halted by misfits, or without scans for too long."""
         now_ns = self._estimate.t_ns
         return now_ns - self.health.sure_until_ns(now_ns) > _GIVE_UP_NS
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether the pose is believed: the robot may drive by it, and it is not uncertain."""
+        return not self.health.current.halts and not self._is_unsure()
 
     def predict(self, readings: Readings, driven: bool) -> Estimate:
         """Advance the belief to the time of the readings with encoders and IMU.
@@ -191,6 +217,7 @@ class Localiser:
             fix = self._match_from(scan, ignore, *belief)
             points = self.slam.points_m
         informative = self.slam.matched >= _INFORMATIVE_POINTS
+        self._rich = self.slam.matched >= _RICH_SHARE * len(scan.ranges_m)
         self.messages.append(fix)
         relocalised = False
         if self.health.lost:
@@ -204,7 +231,8 @@ class Localiser:
             taken = self._offer(fix)
         self.health.scan(scan.t_ns, taken or not self.mapped, informative)
         corrected = self.ekf.belief_at(scan.t_ns) or belief
-        return Located(scan, corrected[0], points, fix, taken, informative, relocalised)
+        unanswered = self._judge_sight(scan, corrected[0])
+        return Located(scan, corrected[0], points, fix, taken, informative, relocalised, unanswered)
 
     def enter(self, located: Located, mask: NDArray[np.bool_] | None) -> FloatArray:
         """Enter the last matched scan in the map, if its pose can be trusted.
@@ -224,6 +252,8 @@ class Localiser:
             with self._time["slam"]:
                 surfaces, new_share = self.slam.insert(located.scan, located.pose, mask)
                 self.ekf.add_map_error(new_share)
+                noise = max(1.0, self._sight.noise_m / _EXPECTED_NOISE_M)
+                self._drift.extend(located.pose, noise**2 * located.fix.covariance, new_share)
                 self.mapped = True
         with self._time["ekf"]:
             self._estimate = self.ekf.estimate()
@@ -237,11 +267,41 @@ class Localiser:
         """
         estimate = self._estimate
         with self._time["ekf"]:
+            self._note_doubts(estimate)
             self.messages.append(self._reckoning.frames(estimate))
             changed = self.health.review(estimate.t_ns)
         if changed is not None:
             self.messages += [changed, _event_of(changed)]
         return estimate
+
+    def _note_doubts(self, estimate: Estimate) -> None:
+        """Note whether the robot slides, and whether its pose is uncertain."""
+        health, t_ns = self.health, estimate.t_ns
+        held = float(np.trace(self.ekf.covariance_in_map[:2, :2])) < _HELD_VAR
+        measured = _UNMEASURED.isdisjoint(health.current.reasons)
+        self._slides.update(t_ns, estimate.state, held and measured)
+        if self._slides.slippery(t_ns):
+            health.note(t_ns, HealthReason.SLIDES)
+        if self._is_unsure():
+            health.note(t_ns, HealthReason.UNSURE)
+
+    def _judge_sight(self, scan: LidarScan, pose: FloatArray) -> FloatArray:
+        """Judge whether the LiDAR sees; (k, 2) in map, m, what stands though it is not seen."""
+        # A tilted robot's beams pass over what they met before, or meet the ground.
+        tilt = self._odometry.tilt(scan.t_ns - _TILT_NS, scan.t_ns)
+        reach_m = _IN_PLANE_M / max(tilt, 1e-6)
+        unanswered, recent = self.slam.unanswered(scan, pose, reach_m)
+        sight = self._sight.judge(scan.ranges_m, recent, len(unanswered))
+        self.health.sees(sight)
+        self._sight.measure_noise(scan.ranges_m)
+        if self._sight.noise_m > _NOISY_M:
+            self.health.note(scan.t_ns, HealthReason.NOISY)
+        return _NOWHERE if self._sight.silence_is_free else unanswered
+
+    def _is_unsure(self) -> bool:
+        """Whether twice the deviation of the pose is more than a right pose may be off."""
+        off_m, off_rad = self._drift.deviations(self._estimate.covariance[:3, :3])
+        return 2.0 * off_m > _WRONG_M or 2.0 * off_rad > _WRONG_RAD
 
     def _match_from(
         self,
@@ -273,7 +333,7 @@ class Localiser:
         outlier, off = votes.outlier(moved), between(belief[0], fix.pose)
         off_m, off_rad = math.hypot(off[0], off[1]), abs(off[2])
         slight = off_m < _SLIGHT_M and off_rad < _SLIGHT_RAD
-        if outlier is Outlier.LIDAR and not (slight and fix.score > _SURE_SCORE):
+        if outlier is Outlier.LIDAR and not (slight and fix.score > _SURE_SCORE and self._rich):
             return False
         deviations = np.zeros(STATES)
         deviations[:2], deviations[2] = max(0.01, off_m), max(0.002, off_rad)
@@ -285,6 +345,21 @@ class Localiser:
             self.health.note(fix.t_ns, HealthReason.SHOVED)
         self.ekf.widen(fix.t_ns, deviations)
         return self.ekf.correct(fix)
+
+    def _tells_places_apart(self, fix: PoseFix) -> bool:
+        """Whether a place found in the whole map can be told from one that is not in the map yet.
+
+        A view of little may be seen anywhere. It must hold the pose in all directions, and it
+        moves the robot only within the surroundings of the last belief.
+        """
+        deviations = np.sqrt(np.diag(fix.covariance))
+        if max(deviations[:2]) > _AGREE_M or deviations[2] > _AGREE_RAD:
+            return False
+        belief = self.ekf.belief_at(fix.t_ns)
+        if self._rich or belief is None:
+            return self._rich
+        off = between(belief[0], fix.pose)
+        return math.hypot(off[0], off[1]) < _NEAR_M and abs(off[2]) < _NEAR_RAD
 
     def _search_whole_map(self, scan: LidarScan, ignore: FloatArray | None) -> PoseFix | None:
         """Search the whole map for the scan. Two searches in a row must give the same place."""
@@ -298,7 +373,7 @@ class Localiser:
             lambda pose: self._match_from(scan, ignore, pose, _RELOCALISED_COVARIANCE),
         )
         before, self._candidate = self._candidate, fix
-        if fix is None or before is None:
+        if fix is None or before is None or not self._tells_places_apart(fix):
             return None
         expected = compose(before.pose, self._odometry.odom_motion(before.t_ns, fix.t_ns))
         off = between(expected, fix.pose)

@@ -41,6 +41,7 @@ from simloop.perception.mover_tracks import MoverTracker
 from simloop.tracker import Tracker
 
 _NOTHING = np.empty((0, 2))
+_DOUBT_NS = 10_000_000_000  # a robot that cannot believe its pose at the goal gives up after this
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,7 +102,7 @@ class Robot:
         self._set_up_control(config, mission, has_camera)
         self._counts, self._sprocket_radps = StandingCounts(), np.zeros(2)
         self._velocity, self._mode = STILL, Mode.STOP
-        self._image_ns = 0
+        self._image_ns = self._t_ns = 0
         # The latest scan's points (n, 2) in base_link, and base_link's pose in map at its end.
         self._last_scan = (_NOTHING, np.zeros(3))
         self._driven = False
@@ -139,13 +140,19 @@ class Robot:
         """What the robot says of its mission; the first that holds."""
         if self._tracker.arrived:
             return RobotStatus.ARRIVED
-        if self._localiser.gave_up:
+        if self._localiser.gave_up or self._doubts_too_long:
             return RobotStatus.LOST
         if self._navigator.goal_is_closed_off:
             return RobotStatus.UNREACHABLE
         if self._recovery.exhausted:
             return RobotStatus.GAVE_UP
         return RobotStatus.DRIVING
+
+    @property
+    def _doubts_too_long(self) -> bool:
+        """Whether the robot has waited at the goal for a pose that it can believe, in vain."""
+        since_ns = self._tracker.doubts_since_ns
+        return since_ns is not None and self._t_ns - since_ns > _DOUBT_NS
 
     def step(self, readings: Readings) -> TrackCommand:
         """Live through one control period.
@@ -193,7 +200,10 @@ class Robot:
             self.messages.append(movers.tracks)
         self._navigator.note_surfaces(localiser.enter(located, mask))
         self._last_scan = located.points_m, located.pose
-        self._monitor.observe(located.points_m, located.pose, self._standing_m)
+        standing = located.unanswered_m
+        if self._low is not None:
+            standing = np.concatenate((standing, self._low.surfaces_m))
+        self._monitor.observe(located.points_m, located.pose, standing, scan.range_max_m)
 
     def _follow_goal(self, readings: Readings, estimate: Estimate) -> None:
         """Take news of a goal that moves."""
@@ -201,11 +211,6 @@ class Robot:
             self._navigator.hear_goal(readings.goal)
         if self._navigator.goal_moves:
             self._tracker.aim_at(self._navigator.goal_at(estimate.t_ns))
-
-    @property
-    def _standing_m(self) -> FloatArray | None:
-        """(k, 2) in map, what stands there though no scan shows it."""
-        return None if self._low is None else self._low.surfaces_m
 
     def _look_low(self, image: DepthImage, estimate: Estimate) -> None:
         """Enter a depth image of this instant, if it is known from where it was taken."""
@@ -270,7 +275,8 @@ class Robot:
         """Ask for what follows the path, and command what the arbiter makes of it."""
         health = self._localiser.health
         self._check_freshness(estimate)
-        asked, doing = self._tracker.velocity(estimate)
+        self._t_ns = estimate.t_ns
+        asked, doing = self._tracker.velocity(estimate, self._localiser.is_sure)
         if health.current.halts:
             doing = Mode(health.current.state)
         elif self._watchdog.stops and doing in (Mode.FOLLOW, Mode.TURN):
@@ -282,7 +288,7 @@ class Robot:
             self._monitor.points_at(estimate.pose),
             self._movers.tracks,
             doing,
-            0.0 if health.current.halts else self._watchdog.speed_cap_mps,
+            0.0 if health.current.halts else self._speed_cap_mps,
             True,
             self._trail_m,
             not self._tracker.arrived,
@@ -293,6 +299,11 @@ class Robot:
         return self._drive.command(
             self._velocity, self._mode, estimate, encoders, health.belts_heard
         )
+
+    @property
+    def _speed_cap_mps(self) -> float:
+        """The largest speed, m/s, at which what the robot drives by is fresh and far enough."""
+        return min(self._watchdog.speed_cap_mps, self._monitor.speed_cap_mps)
 
     def _is_stuck(self, estimate: Estimate, doing: Mode) -> bool:
         """Whether the robot frees itself now; begins and ends a recovery."""

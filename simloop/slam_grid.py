@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simloop.config import SlamConfig
+from simloop.estimation.sight import silent_beams
 from simloop.geometry.discs import discs_of, on_discs
 from simloop.geometry.se2 import transform_points
 from simloop.geometry.small_matrices import inverse_3
@@ -23,6 +24,8 @@ from simloop.messages import FloatArray, LidarScan, PoseFix, WorldView
 
 _LEAST_POINTS = 10  # a scan with fewer hits is not matched
 _LEAST_INFORMATION = 1e-3 * np.eye(3)  # added, so that the information can be inverted
+_RECENT_SCANS = 5  # what one of so many last scans measured, the next one must measure too
+_NOWHERE = np.empty((0, 2))
 _EDGE_PENALTY = 0.02  # taken off the score at the window's edge: the nearest of equals wins
 
 
@@ -50,6 +53,7 @@ class GridSlam:
         self.grid = load_map(prior, config) if config.prior_map else GridMap(config)
         self.resolution_m = self.grid.resolution_m
         self._scan_t_ns = -1
+        self._sweep = (np.zeros(1, np.int64), np.zeros((1, 3)))
         self.points_m = np.empty((0, 2))
         self._matched = self._origins = np.empty((0, 2))
         self._window = np.array([config.search_xy_m, config.search_yaw_rad])
@@ -122,6 +126,34 @@ class GridSlam:
         covariance = self._covariance(information, residual) if ok else np.array(prior_covariance)
         return PoseFix(scan.t_ns, pose, covariance, share, ok)
 
+    def unanswered(
+        self, scan: LidarScan, pose: FloatArray, reach_m: float
+    ) -> tuple[FloatArray, int]:
+        """Find the surfaces that the scan of the last ``match`` should have measured and did not.
+
+        Args:
+            scan: That scan.
+            pose: (3,) x, y, yaw of base_link in map at the scan's end.
+            reach_m: Distance up to which the beams stay in the map's plane, m.
+
+        Returns:
+            The places (k, 2) in map, m, that silent beams cross, one for each of these beams, and
+            how many of them were measured in one of the last scans.
+        """
+        silent = silent_beams(scan.ranges_m)
+        if not self.grid.scans or not silent.any():
+            return _NOWHERE, 0
+        ends, origins = deskew(
+            scan.angles_rad[silent],
+            np.full(np.count_nonzero(silent), min(reach_m, scan.range_max_m)),
+            scan.t_ns - scan.age_ns[silent],
+            np.array([0.0, scan.range_max_m]),
+            *self._sweep,
+            self._mount,
+        )
+        places, recent = self.grid.unanswered(ends, origins, pose, _RECENT_SCANS)
+        return places, int(np.count_nonzero(recent))
+
     def insert(
         self, scan: LidarScan, pose: FloatArray, mask: NDArray[np.bool_] | None = None
     ) -> tuple[FloatArray, float]:
@@ -185,6 +217,7 @@ class GridSlam:
             self._mount,
         )
         self._scan_t_ns = scan.t_ns
+        self._sweep = (sweep_t_ns, sweep_poses)
 
     def _search(self, prior: FloatArray) -> FloatArray:
         points = self._matched[:: max(1, len(self._matched) // self._config.search_points)]

@@ -172,6 +172,8 @@ class Tracker:
 
     Attributes:
         arrived: Whether the robot believes that it is within the goal's tolerance.
+        doubts_since_ns: When the robot came to believe that it is at the goal, ns, while its pose
+            is too uncertain to say so; else None.
         turning: Whether it turns on the spot.
         reverses: Whether it goes rear first; may be changed on the way.
     """
@@ -206,6 +208,7 @@ class Tracker:
         self._samples = np.empty((0, 6))
         self._at = 0
         self.arrived = False
+        self.doubts_since_ns: int | None = None
         self.turning = self.reverses = False
 
     def aim_at(self, goal: FloatArray) -> None:
@@ -265,19 +268,25 @@ class Tracker:
         """Forget the path and ask for standing still."""
         self._path = None
 
-    def velocity(self, estimate: Estimate) -> tuple[Velocity, Mode]:
+    def velocity(self, estimate: Estimate, sure: bool = True) -> tuple[Velocity, Mode]:
         """Compute what to ask for now; the arbiter keeps the limits of acceleration.
 
         Args:
             estimate: The belief now.
+            sure: Whether the pose is believed. Without that the robot waits at the goal.
 
         Returns:
             The velocity that follows the path, and what it does.
         """
         state = estimate.state
-        if math.dist((state[0], state[1]), self._goal) <= self._arrive_m:
-            self.arrived = True
-        if self.arrived or self._path is None:
+        near = math.dist((state[0], state[1]), self._goal) <= self._arrive_m
+        self.arrived = self.arrived or (near and sure)
+        doubts = near and not self.arrived
+        if not doubts:
+            self.doubts_since_ns = None
+        elif self.doubts_since_ns is None:
+            self.doubts_since_ns = estimate.t_ns
+        if self.arrived or doubts or self._path is None:
             return Velocity(0.0, 0.0), Mode.ARRIVED if self.arrived else Mode.STOP
         ahead = about_face(state) if self.reverses else state
         speed, rate, self._at, self.turning = track(

@@ -14,6 +14,7 @@ from simloop.messages import (
     EncoderReading,
     Event,
     Frames,
+    HealthReason,
     ImuReading,
     LidarScan,
     PoseFix,
@@ -154,7 +155,9 @@ def test_two_thin_posts_cannot_contradict_the_belief():
             assert not located.informative
             own.enter(located, None)
         own.conclude()
-    assert not own.health.current.halts and not own.health.lost
+    # The room that it has just measured is silent now, so the LiDAR counts as blind.
+    assert HealthReason.BLIND in own.health.current.reasons
+    assert HealthReason.MISFIT not in own.health.current.reasons and not own.health.lost
 
 
 def test_thin_scans_after_two_misfits_end_as_given_up_and_not_in_silence():

@@ -22,18 +22,31 @@ MOST_UNSAID_S = 0.25
 this takes a little more than two turns of the LiDAR."""
 
 
+_HONEST = ("reached", "lost", "stuck", "timeout", "unreachable")
+"""Outcomes of a robot that may fail, but neither touches anything nor stops at a wrong place."""
+
+
 class FaultCase(NamedTuple):
     """A fault and the expected reaction of the robot.
 
     Attributes:
         spec: The fault as an entry of a scenario's ``faults``, in TOML; empty for none.
         expected: The expected behaviour in words.
-        outcome: The outcome that the run must have.
+        outcomes: The outcomes that the run may have.
+        scenario: The scenario that is driven.
+        settings: Further settings, as for ``simloop run --set``.
     """
 
     spec: str
     expected: str
-    outcome: str = "reached"
+    outcomes: tuple[str, ...] = ("reached",)
+    scenario: str = _SCENARIO
+    settings: tuple[str, ...] = ()
+
+    @property
+    def overrides(self) -> list[str]:
+        """The settings with the fault among them."""
+        return [f"faults=[{self.spec}]", *self.settings]
 
 
 FAULTS: dict[str, FaultCase] = {
@@ -50,11 +63,32 @@ FAULTS: dict[str, FaultCase] = {
     "IMU silent 1 s": FaultCase('{kind="imu_silent", at_s=4.0, for_s=1.0}', "reports it; arrives"),
     "30 % of beams dropped": FaultCase('{kind="beams_dropped", at_s=0.0, share=0.3}', "arrives"),
     "glass": FaultCase('{kind="glass", at_s=0.0, min_m=[-0.9, 0.8], max_m=[-0.5, 3.0]}', "arrives"),
+    **{
+        f"{share:.0%} of beams dropped".replace("%", " %"): FaultCase(
+            f'{{kind="beams_dropped", at_s=4.0, share={share}}}', "stops and reports why", ("lost",)
+        )
+        for share in (0.9, 0.95, 0.98, 1.0)
+    },
+    "glass all round": FaultCase(
+        '{kind="glass", at_s=0.0, min_m=[-100.0, -100.0], max_m=[100.0, 100.0]}',
+        "does not set out, and reports why",
+        ("lost",),
+    ),
+    "short range in a crowd": FaultCase(
+        "",
+        "arrives, or stops and reports why",
+        _HONEST,
+        "hall",
+        ("lidar.range_max_m=1.5",),
+    ),
+    "noise x 10": FaultCase(
+        '{kind="lidar_noise", at_s=0.0, noise_m=0.1}', "reports it; never arrives wrongly", _HONEST
+    ),
     "LiDAR silent 2 s": FaultCase(
         '{kind="lidar_silent", at_s=4.0, for_s=2.0}', "stops until scans come again; arrives"
     ),
     "LiDAR silent for good": FaultCase(
-        '{kind="lidar_silent", at_s=4.0}', "stops and reports why", "lost"
+        '{kind="lidar_silent", at_s=4.0}', "stops and reports why", ("lost",)
     ),
     "scans 0.2 s late": FaultCase('{kind="lidar_late", at_s=2.0, delay_s=0.2}', "arrives"),
     "one track on ice": FaultCase(
@@ -97,7 +131,7 @@ class Trial:
     @property
     def handled(self) -> bool:
         """Whether the robot did as expected, touched nothing and reported every wrong pose."""
-        if self.outcome != FAULTS[self.fault].outcome or self.contacts:
+        if self.outcome not in FAULTS[self.fault].outcomes or self.contacts:
             return False
         return bool(self.health["unsaid_s"] <= MOST_UNSAID_S)
 
@@ -112,7 +146,8 @@ def run_trial(fault: str, seed: int) -> Trial:
     Returns:
         The result of the run.
     """
-    result = Simulation(load(_SCENARIO, [f"faults=[{FAULTS[fault].spec}]"], seed=seed)).run()
+    case = FAULTS[fault]
+    result = Simulation(load(case.scenario, case.overrides, seed=seed)).run()
     m = result.metrics
     return Trial(
         fault,

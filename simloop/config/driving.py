@@ -127,11 +127,14 @@ class MonitorConfig:
             an arc uses up to 9 mm of it.
         reaction_s: Time for which a velocity is assumed to continue before braking begins, s.
         scans: Number of latest scans to remember.
+        open_ground: Whether the ground is known to be open. Only then may the robot drive although
+            its LiDAR has never measured anything.
     """
 
     margin_m: NonNegative = 0.012
     reaction_s: Annotated[float, Field(ge=0.0, le=10.0)] = 0.15
     scans: Annotated[int, Field(ge=1, le=100)] = 3
+    open_ground: bool = False
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -203,9 +206,13 @@ class WatchdogConfig:
         estimate_s: Largest delay of the estimate, s.
         image_s: Longest time without an image, if there is a depth camera, s.
         unheard_mps: Speed limit while neither belt's counts are available, m/s.
+        slippery_mps: Speed limit on ground on which the robot has slid, m/s.
+        thin_mps: Speed limit while many beams of the LiDAR do not come back, m/s.
     """
 
     path_frames: Annotated[float, Field(ge=1.0, le=1e6)] = 3.0
     estimate_s: Positive = 0.05
     image_s: Positive = 0.5
     unheard_mps: Rate = 0.15
+    thin_mps: Rate = 0.15
+    slippery_mps: Rate = 0.15

@@ -207,9 +207,23 @@ class CollisionMonitor:
         self._points = np.empty((0, 2))
         self._poses: deque[FloatArray] = deque(maxlen=config.scans)
         self._pose = np.zeros(3)
+        self._range_m = math.inf
+
+    @property
+    def speed_cap_mps(self) -> float:
+        """The largest speed, m/s, from which the robot stops within its LiDAR's range."""
+        reaction, brake, _, half_length, half_width, margin = self.limits.tolist()
+        room = self._range_m - math.hypot(half_length, half_width) - margin
+        if room <= 0.0:
+            return 0.0
+        return float(math.sqrt((brake * reaction) ** 2 + 2.0 * brake * room) - brake * reaction)
 
     def observe(
-        self, points_m: FloatArray, pose: FloatArray, standing_m: FloatArray | None = None
+        self,
+        points_m: FloatArray,
+        pose: FloatArray,
+        standing_m: FloatArray | None = None,
+        range_m: float = math.inf,
     ) -> None:
         """Take a scan.
 
@@ -217,7 +231,9 @@ class CollisionMonitor:
             points_m: (n, 2) its points, m, in base_link.
             pose: (3,) of base_link in map when the scan ended, m, m, rad.
             standing_m: (k, 2) in map, m: what stands there although no scan shows it.
+            range_m: Greatest range of the sensor, m: what is farther away is not known.
         """
+        self._range_m = range_m
         self._pose = pose = np.array(pose, np.float64)
         self._scans.append(near_points(np.ascontiguousarray(points_m), pose, self._near_m))
         self._poses.append(pose)

@@ -29,8 +29,11 @@ class Stale(StrEnum):
     BLIND = "no image from the camera"
     LATE = "the estimate lags behind"
     NO_BELTS = "no belt is heard"
+    THIN = "many beams do not come back"
+    SLIPPERY = "the ground is slippery"
 
 
+_SLOWING = (Stale.NO_BELTS, Stale.THIN, Stale.SLIPPERY)
 _BOTH_BELTS = {HealthReason.LEFT_BELT, HealthReason.RIGHT_BELT}
 _DRIVEN_RADPS = 1.4  # of both sprockets: 5 cm/s, two counts a period
 _STANDING_TICKS = 10  # twenty counts that have not come
@@ -92,14 +95,19 @@ class Watchdog:
     @property
     def stops(self) -> bool:
         """Whether the robot must stop."""
-        return self.cause not in (Stale.NOTHING, Stale.NO_BELTS)
+        return self.cause is not Stale.NOTHING and self.cause not in _SLOWING
 
     @property
     def speed_cap_mps(self) -> float:
         """The largest speed that is permitted, m/s; infinite while all is fresh."""
         if self.cause is Stale.NOTHING:
             return math.inf
-        return 0.0 if self.stops else self._config.unheard_mps
+        if self.stops:
+            return 0.0
+        config = self._config
+        return {Stale.THIN: config.thin_mps, Stale.SLIPPERY: config.slippery_mps}.get(
+            self.cause, config.unheard_mps
+        )
 
     def check(
         self,
@@ -141,4 +149,8 @@ class Watchdog:
             return Stale.BLIND
         if HealthReason.NO_COUNTS in reasons:
             return Stale.NO_MOTION_SENSOR if HealthReason.NO_IMU in reasons else Stale.NO_BELTS
-        return Stale.NO_BELTS if _BOTH_BELTS.issubset(reasons) else Stale.NOTHING
+        if _BOTH_BELTS.issubset(reasons):
+            return Stale.NO_BELTS
+        if HealthReason.SLIDES in reasons:
+            return Stale.SLIPPERY
+        return Stale.THIN if HealthReason.THIN in reasons else Stale.NOTHING

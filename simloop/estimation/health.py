@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections import deque
 
+from simloop.estimation.sight import Sight
 from simloop.messages import (
     Health,
     HealthReason,
@@ -21,7 +22,17 @@ from simloop.messages import (
 )
 
 _HOLD_NS = 500_000_000  # a reason stays active for this time after it was last noted
-_HALTING = {HealthReason.NO_SCANS, HealthReason.LOST}  # reasons that halt the robot
+_HALTING = {  # reasons that halt the robot
+    HealthReason.NO_SCANS,
+    HealthReason.LOST,
+    HealthReason.BLIND,
+    HealthReason.NEVER_SEEN,
+}
+_SIGHT = {
+    Sight.BLIND: HealthReason.BLIND,
+    Sight.UNPROVEN: HealthReason.NEVER_SEEN,
+    Sight.THIN: HealthReason.THIN,
+}
 _SCANS_MISSED = 3  # scans are missing after this many scan periods without one
 _READINGS_MISSED_NS = 50_000_000  # encoders or IMU are missing after this time without a reading
 _BELT_TICKS = 30  # number of control periods over which a belt is judged
@@ -51,6 +62,8 @@ class HealthMonitor:
         self._last_scan_ns = 0
         self._misfits = 0
         self._halted_since_ns: int | None = None
+        self._sight = Sight.CLEAR
+        self._seen_ns = 0
         self.lost_since_ns: int | None = None
         self.current = Health(0, HealthState.OK, (), False)
 
@@ -68,7 +81,7 @@ class HealthMonitor:
         )
 
     def sure_until_ns(self, t_ns: int) -> int:
-        """Return the last time at which the robot had scans and was not halted by misfits.
+        """Return the last time at which the robot had scans, saw, and was not halted by misfits.
 
         Args:
             t_ns: Present time, ns.
@@ -77,7 +90,8 @@ class HealthMonitor:
             The time, ns, at most ``t_ns``.
         """
         doubt_ns = self._halted_since_ns if self.lost_since_ns is None else self.lost_since_ns
-        return min(t_ns if doubt_ns is None else doubt_ns, self._last_scan_ns)
+        seen_ns = min(self._last_scan_ns, self._seen_ns)
+        return min(t_ns if doubt_ns is None else doubt_ns, seen_ns)
 
     def note(self, t_ns: int, reason: HealthReason) -> None:
         """Note a reason, which stays active for a while.
@@ -124,6 +138,8 @@ class HealthMonitor:
             informative: Whether it had enough points to contradict the belief.
         """
         self._last_scan_ns = t_ns
+        if self._sight in (Sight.CLEAR, Sight.THIN):
+            self._seen_ns = t_ns
         if not informative:
             self.note(t_ns, HealthReason.NOTHING_SEEN)
         elif taken:
@@ -135,6 +151,14 @@ class HealthMonitor:
                 self._halted_since_ns = t_ns
         if self._misfits >= _MISFITS_TO_BE_LOST and not self.lost:
             self.lost_since_ns = t_ns
+
+    def sees(self, sight: Sight) -> None:
+        """Record the verdict on the LiDAR after a scan.
+
+        Args:
+            sight: How well it sees.
+        """
+        self._sight = sight
 
     def found(self) -> None:
         """Record that the robot has found its pose again."""
@@ -152,6 +176,8 @@ class HealthMonitor:
         doubtful = self._misfits >= _MISFITS_TO_HALT
         if t_ns - self._last_scan_ns > _SCANS_MISSED * self._scan_ns:
             self._until_ns[HealthReason.NO_SCANS] = t_ns + 1
+        if self._sight in _SIGHT:
+            self._until_ns[_SIGHT[self._sight]] = t_ns + 1
         if self.lost:
             self._until_ns[HealthReason.LOST] = t_ns + 1
         elif doubtful:  # the reason is reported as long as it halts the robot

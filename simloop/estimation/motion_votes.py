@@ -27,6 +27,7 @@ COLUMNS = 13
 
 _YAW_RAD = 0.004  # largest yaw error from noise and quantisation in a few tenths of a second
 _XY_M = 0.02  # tolerance of the position
+_GRAVITY_MPS2 = 9.81
 _ACCEL_MPS2 = 0.15  # covers bias and tilt of the accelerometer and the filter's speed error
 
 
@@ -163,6 +164,24 @@ class OdometryHistory:
         start = rows[0, [SPEED, LATERAL_SPEED]] * imu.duration
         wheels = between(rows[0, 3:6], rows[-1, 3:6]) if rows[1:, BELTS_OK].all() else None
         return MotionVotes(wheels, np.array([*(start + imu.position), imu.yaw]), imu.duration)
+
+    def tilt(self, since_ns: int, until_ns: int) -> float:
+        """Estimate how far the ground tilts the robot, by the mean acceleration it does not drive.
+
+        Args:
+            since_ns: Start of the mean, ns.
+            until_ns: Its end, ns.
+
+        Returns:
+            Angle, rad, for small angles; 0 before there are two periods.
+        """
+        rows = self._rows[max(0, self._at(since_ns)) : self._at(until_ns) + 1]
+        if len(rows) < 2:
+            return 0.0
+        driven = (rows[-1, SPEED] - rows[0, SPEED]) / max(1e-9, rows[1:, DT].sum())
+        forward = rows[1:, ACCEL_X].mean() - driven
+        lateral = (rows[1:, ACCEL_Y] - rows[1:, SPEED] * rows[1:, GYRO]).mean()
+        return math.hypot(forward, lateral) / _GRAVITY_MPS2
 
     def _at(self, t_ns: int) -> int:
         """Return the last row at or before a time, or -1 if there is none."""

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from simloop.config import SlamConfig
 from simloop.geometry.se2 import transform_points
 from simloop.mapping.correlative import MID, TOP, SearchFields, raise_field, search
+from simloop.mapping.echoes import unanswered_surfaces
 from simloop.mapping.grid_kernels import (
     Evidence,
     GridLayers,
@@ -165,6 +166,26 @@ class GridMap:
         fine, mid, top = self._fields
         fields = SearchFields(fine, mid, top, self.origin_m, self.resolution_m)
         return search(points, prior, window, weights, fields, step, least, excluded)
+
+    def unanswered(
+        self, ends: FloatArray, origins: FloatArray, pose: FloatArray, scans: int
+    ) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Find the surfaces that beams which did not come back should have measured.
+
+        Args:
+            ends: (n, 2) ends of these beams at their greatest range, in base_link, m.
+            origins: (n, 2) their origins in base_link, m.
+            pose: (3,) x, y, yaw of base_link in map.
+            scans: Number of last scans that count as recent.
+
+        Returns:
+            The places (k, 2) in map, m, and which of these (k,) recent scans have confirmed.
+        """
+        x0, y0 = self.origin_m.tolist()
+        places, stamps = unanswered_surfaces(
+            ends, origins, pose, (x0, y0), self.resolution_m, self.occupied, self._stamp
+        )
+        return places, stamps > self.scans - scans
 
     def distances(self) -> np.ndarray:
         """Compute the distance from each cell's centre to the nearest surface.

@@ -28,9 +28,15 @@ class HealthReason(StrEnum):
     NO_IMU = "no imu readings"
     NO_COUNTS = "no encoder counts"
     SHOVED = "moved by something else"
+    SLIDES = "slides on the ground"
     NO_SCANS = "no scans"
     NOTHING_SEEN = "nothing in sight"
     MISFIT = "scans do not fit"
+    NEVER_SEEN = "nothing has ever come back"
+    BLIND = "beams do not come back"
+    THIN = "many beams do not come back"
+    NOISY = "ranges are noisy"
+    UNSURE = "pose is uncertain"
     LOST = "lost"
 
 

@@ -18,6 +18,7 @@ from pydantic.dataclasses import dataclass
 
 from simloop.common.quantities import STRICT, Coordinate, Point, has_area
 from simloop.messages import DepthImage, EncoderReading, FloatArray, ImuReading, LidarScan
+from simloop.physics.glass import Glass
 from simloop.truth import RayCaster, Truth
 
 Seconds = Annotated[float, Field(ge=0.0, le=1e6)]
@@ -28,6 +29,8 @@ Kind = Literal[
     "imu_silent",
     "beams_dropped",
     "glass",
+    "lidar_noise",
+    "lidar_short",
     "lidar_silent",
     "lidar_late",
     "camera_silent",
@@ -44,6 +47,8 @@ _KEYS: dict[str, tuple[str, ...]] = {
     "imu_silent": (),
     "beams_dropped": ("share",),
     "glass": ("min_m", "max_m"),
+    "lidar_noise": ("noise_m",),
+    "lidar_short": ("range_m",),
     "lidar_silent": (),
     "lidar_late": ("delay_s",),
     "camera_silent": (),
@@ -54,8 +59,6 @@ _KEYS: dict[str, tuple[str, ...]] = {
 _TIMES = ("kind", "at_s", "for_s")
 # A push is a spring and a damper with a limit on the force.
 _PUSH_N, _PUSH_N_PER_M, _PUSH_NS_PER_M = 250.0, 4000.0, 300.0
-_THROUGH_M = 1e-3  # a beam starts again this far behind the surface of a pane
-_PANES = 4  # one beam passes through this many glass surfaces at most
 
 
 def keys_of(kind: str) -> tuple[str, ...]:
@@ -84,6 +87,8 @@ class Fault:
         share: beams_dropped: share of the beams that do not come back, 0 to 1.
         min_m: glass: (2,) lower corner, in map, of the box that beams pass through, m.
         max_m: glass: (2,) its upper corner, m.
+        noise_m: lidar_noise: standard deviation that is added to the ranges, m.
+        range_m: lidar_short: what is farther away sends no beam back, m. The scans do not say so.
         delay_s: lidar_late: delay of the scans, s.
         friction: ice: coefficient of friction of the ground under the track.
         shift_m: pushed: distance to the left, covered in ``for_s``, m.
@@ -98,6 +103,8 @@ class Fault:
     share: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
     min_m: Point | None = None
     max_m: Point | None = None
+    noise_m: Annotated[float, Field(gt=0.0, le=100.0)] | None = None
+    range_m: Annotated[float, Field(gt=0.0, le=1000.0)] | None = None
     delay_s: Annotated[float, Field(gt=0.0, le=10.0)] | None = None
     friction: Annotated[float, Field(gt=0.0, le=2.0)] | None = None
     shift_m: Annotated[float, Field(ge=-2.0, le=2.0)] | None = None
@@ -255,7 +262,7 @@ class Faults:
         return EncoderReading(reading.t_ns, *counts)
 
     def scan(self, scan: LidarScan | None, t_ns: int) -> LidarScan | None:
-        """Apply the LiDAR faults to a scan: drop it, delay it, or drop some beams.
+        """Apply the LiDAR faults to a scan: drop it, delay it, or worsen its beams.
 
         Args:
             scan: the scan of this control period, or None.
@@ -270,10 +277,9 @@ class Faults:
         if scan is not None and any(f.on(t_ns) for f in self._of("lidar_silent")):
             scan = None
         if scan is not None:
-            for fault in self._of("beams_dropped"):
+            for fault in self._of("beams_dropped", "lidar_noise", "lidar_short"):
                 if fault.on(t_ns):
-                    gone = self._rng.random(len(scan.ranges_m)) < (fault.share or 0.0)
-                    scan = replace(scan, ranges_m=np.where(gone, np.inf, scan.ranges_m))
+                    scan = replace(scan, ranges_m=self._worsened(fault, scan))
             if late:
                 due = t_ns + round(1e9 * max(fault.delay_s or 0.0 for fault in late))
                 self._late.append((due, scan))
@@ -320,6 +326,18 @@ class Faults:
     def _of(self, *kinds: str) -> list[Fault]:
         return [fault for fault in self._faults if fault.kind in kinds]
 
+    def _worsened(self, fault: Fault, scan: LidarScan) -> FloatArray:
+        """Compute the ranges (n,), m, that a fault of the beams leaves of a scan."""
+        ranges = scan.ranges_m
+        if fault.kind == "lidar_noise":
+            ranges = ranges + (fault.noise_m or 0.0) * self._rng.standard_normal(len(ranges))
+            gone = (ranges < scan.range_min_m) | (ranges > scan.range_max_m)
+        elif fault.kind == "lidar_short":
+            gone = ranges > (fault.range_m or 0.0)
+        else:
+            gone = self._rng.random(len(ranges)) < (fault.share or 0.0)
+        return np.where(gone, np.inf, ranges)
+
     def _push(self, fault: Fault, truth: Truth) -> FloatArray:
         """Compute the force (2,), N, that pushes the robot sideways against its tracks' grip."""
         start = self._pushes.setdefault(fault, truth.pose_xyyaw.copy())
@@ -334,50 +352,3 @@ class Faults:
         come = left @ (truth.pose_xyyaw[:2] - start[:2])
         force = _PUSH_N_PER_M * (aim - come) + _PUSH_NS_PER_M * (pace - velocity)
         return left * min(max(force, -_PUSH_N), _PUSH_N)
-
-
-class Glass:
-    """A world in which beams pass through panes and measure what is behind them."""
-
-    def __init__(self, world: RayCaster, panes: Sequence[Fault]) -> None:
-        """Put panes into a world.
-
-        Args:
-            world: the true world.
-            panes: faults of the kind 'glass'.
-        """
-        self._world, self._panes, self.t_ns = world, panes, 0
-
-    def cast(self, origins_m: FloatArray, directions: FloatArray, cutoff_m: float) -> FloatArray:
-        """Measure ranges as `RayCaster.cast` does. A beam passes through four surfaces at most.
-
-        Args:
-            origins_m: (n, 3) in the world, m.
-            directions: (n, 3) unit vectors in the world.
-            cutoff_m: longest range, m.
-
-        Returns:
-            (n,) ranges, m; -1 where a beam hits nothing within the cutoff.
-        """
-        ranges = self._world.cast(origins_m, directions, cutoff_m)
-        panes = [p for p in self._panes if p.on(self.t_ns)]
-        boxes = [np.array((p.min_m, p.max_m), np.float64) for p in panes]
-        for _ in range(_PANES):
-            ends = origins_m + ranges[:, None] * directions
-            inside = np.zeros(len(ranges), bool)
-            for low, high in boxes:
-                inside |= np.all((ends[:, :2] >= low) & (ends[:, :2] <= high), axis=1)
-            for i in np.nonzero(inside & (ranges >= 0.0))[0]:
-                ranges[i] = self._beyond(ends[i], directions[i], ranges[i], cutoff_m)
-            if not inside.any():
-                break
-        return ranges
-
-    def _beyond(
-        self, end: FloatArray, direction: FloatArray, range_m: float, cutoff_m: float
-    ) -> float:
-        """Continue a beam behind the glass: its whole range, m, or -1 where it hits nothing."""
-        start = (end + _THROUGH_M * direction)[None]
-        more = float(self._world.cast(start, direction[None].copy(), cutoff_m)[0])
-        total = range_m + _THROUGH_M + more
-        return total if more >= 0.0 and total <= cutoff_m else -1.0

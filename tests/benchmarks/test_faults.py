@@ -78,6 +78,28 @@ def test_beams_pass_through_glass_to_the_wall_behind():
     assert Glass(Walls(), [pane]).cast(origins, ahead, 2.0) == pytest.approx([-1.0, 1.0])
 
 
+def test_nothing_comes_back_from_glass_behind_glass_behind_glass():
+    class Panes:
+        def cast(self, origins, directions, cutoff_m):
+            return np.floor(origins[:, 0] + 1.0) - origins[:, 0]  # one in each metre
+
+    every = Fault(kind="glass", at_s=0.0, min_m=(-9.0, -9.0), max_m=(9.0, 9.0))
+    four = Fault(kind="glass", at_s=0.0, min_m=(0.5, -9.0), max_m=(4.5, 9.0))
+    ray = np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0]])
+    assert Glass(Panes(), [every]).cast(*ray, 12.0).tolist() == [-1.0]
+    assert Glass(Panes(), [four]).cast(*ray, 12.0) == pytest.approx([5.0])
+
+
+def test_a_lidar_becomes_noisy_or_short_sighted_without_saying_so():
+    sent = scan(0, np.full(5000, 2.0))
+    heard = faults({"kind": "lidar_noise", "at_s": 0.0, "noise_m": 0.1}).scan(sent, 0)
+    assert np.std(heard.ranges_m) == pytest.approx(0.1, rel=0.05)
+    short = faults({"kind": "lidar_short", "at_s": 1.0, "range_m": 2.5})
+    assert short.scan(scan(0), 0).ranges_m.tolist() == [1.0, 2.0, 3.0, 4.0]
+    heard = short.scan(scan(10**9), 10**9)
+    assert heard.ranges_m.tolist() == [1.0, 2.0, np.inf, np.inf] and heard.range_max_m == 6.0
+
+
 def test_the_plant_slips_on_one_side_can_be_pushed_and_moved():
     plant = plant_on_plane()
     pulls = []
@@ -117,7 +139,16 @@ def test_impossible_faults_are_refused_in_one_line(text, message):
     assert "\n" not in str(caught.value)
 
 
-QUICK = ["encoder stuck", "gyro's bias jumps", "LiDAR silent 2 s", "kidnapped"]
+BLIND = "100 % of beams dropped"
+QUICK = [
+    BLIND,
+    "glass all round",
+    "noise x 10",
+    "encoder stuck",
+    "gyro's bias jumps",
+    "LiDAR silent 2 s",
+    "kidnapped",
+]
 
 
 @pytest.mark.parametrize("fault", QUICK)
@@ -132,6 +163,8 @@ def test_the_robot_reports_what_is_wrong():
         "LiDAR silent 2 s": "no scans",
         "pushed 0.3 m sideways": "moved by something else",
         "kidnapped": "lost",
+        BLIND: "beams do not come back",
+        "glass all round": "nothing has ever come back",
     }
     for fault, reason in reasons.items():
         assert bench_faults.run_trial(fault, 1001).health["reasons_s"].get(reason, 0.0) > 0.1

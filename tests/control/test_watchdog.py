@@ -51,6 +51,8 @@ def looked(reasons=(), path_age_ns=None, lag_ns=0):
         ({"reasons": (HealthReason.LEFT_BELT,)}, "", False),
         ({"reasons": (HealthReason.LEFT_BELT, HealthReason.RIGHT_BELT)}, Stale.NO_BELTS, False),
         ({"reasons": (HealthReason.NO_COUNTS,)}, Stale.NO_BELTS, False),
+        ({"reasons": (HealthReason.THIN,)}, Stale.THIN, False),
+        ({"reasons": (HealthReason.THIN, HealthReason.SLIDES)}, Stale.SLIPPERY, False),
         ({"reasons": (HealthReason.NO_COUNTS, HealthReason.NO_IMU)}, Stale.NO_MOTION_SENSOR, True),
     ],
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from simloop.estimation.health import HealthMonitor
+from simloop.estimation.sight import Sight
 from simloop.messages import (
     HealthReason,
 )
@@ -128,3 +129,25 @@ def test_a_belt_is_not_heard_when_it_is_refused_most_of_the_time(side, reason):
     health.belts(SCAN_NS + 24 * PERIOD_NS, tuple(refused))
     assert health.belts_heard == (side != 0, side != 1)
     assert health.review(SCAN_NS + 24 * PERIOD_NS).reasons == (reason,)
+
+
+@pytest.mark.parametrize(
+    ("sight", "reason", "halts"),
+    [
+        (Sight.BLIND, HealthReason.BLIND, True),
+        (Sight.UNPROVEN, HealthReason.NEVER_SEEN, True),
+        (Sight.THIN, HealthReason.THIN, False),
+    ],
+)
+def test_a_lidar_that_does_not_see_is_said_as_long_as_it_lasts(sight, reason, halts):
+    health = fed(GOOD)
+    health.sees(sight)
+    for i in range(2, 50):
+        health.scan(i * SCAN_NS, *GOOD)
+        health.review(i * SCAN_NS)
+        assert health.current.reasons == (reason,) and health.current.halts == halts
+    assert health.sure_until_ns(49 * SCAN_NS) == (1 if halts else 49) * SCAN_NS
+    health.sees(Sight.CLEAR)
+    health.scan(50 * SCAN_NS, *GOOD)
+    health.review(50 * SCAN_NS)
+    assert health.current.state == "ok"

@@ -1,0 +1,103 @@
+"""Whether the LiDAR sees: scans of rooms, of open ground, and of sensors that lose their beams."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from helpers.rooms import Room, box
+from hypothesis import given
+from hypothesis import strategies as st
+
+from simloop.estimation.sight import (
+    Sight,
+    SightMonitor,
+    firm_beams,
+    range_noise,
+    silent_beams,
+)
+
+ROOM = Room(*box(-2, -1.5, 2.5, 1.5), *box(1.0, 0.6, 1.5, 1.5))
+FULL = np.full(360, 2.0)
+
+
+def with_lost(share, rng, beams=360):
+    ranges = np.full(beams, 2.0)
+    ranges[rng.random(beams) < share] = np.inf
+    return ranges
+
+
+@given(st.lists(st.booleans(), min_size=3, max_size=60))
+def test_silent_and_firm_beams_as_counted_one_by_one(answered):
+    ranges, n = np.where(answered, 1.0, np.inf), len(answered)
+    silent = [not any(answered[(i + k) % n] for k in (-1, 0, 1)) for i in range(n)]
+    firm = sum(answered[i] and (answered[i - 1] or answered[(i + 1) % n]) for i in range(n))
+    assert silent_beams(ranges).tolist() == silent
+    assert firm_beams(ranges) == firm
+
+
+@pytest.mark.parametrize("noise_m", [0.01, 0.03, 0.1])
+def test_the_noise_is_measured_in_a_room_with_edges(noise_m):
+    rng = np.random.default_rng(1)
+    found = [
+        range_noise(ROOM.ranges((0.1, -0.2, 0.3)) + noise_m * rng.standard_normal(360))
+        for _ in range(20)
+    ]
+    assert np.median(found) == pytest.approx(noise_m, rel=0.25)
+    assert math.isnan(range_noise(np.full(360, np.inf))) and math.isnan(range_noise(np.ones(90)))
+
+
+def test_a_sensor_that_has_never_measured_anything_is_unproven_unless_the_ground_is_open():
+    nothing = np.full(360, np.inf)
+    blind, told = SightMonitor(False), SightMonitor(True)
+    for _ in range(5):
+        assert blind.judge(nothing, 0, 0) is Sight.UNPROVEN and not blind.silence_is_free
+        assert told.judge(nothing, 0, 0) is Sight.CLEAR and told.silence_is_free
+    assert blind.judge(FULL, 0, 0) is Sight.CLEAR
+    assert blind.judge(nothing, 0, 0) is Sight.CLEAR  # proven, and nothing is known to stand there
+
+
+@pytest.mark.parametrize("share", [0.9, 0.95, 0.98, 1.0])
+def test_a_sensor_that_loses_nearly_all_beams_from_the_start_proves_nothing(share):
+    rng = np.random.default_rng(2)
+    monitor = SightMonitor(False)
+    assert {monitor.judge(with_lost(share, rng), 0, 0) for _ in range(50)} == {Sight.UNPROVEN}
+
+
+def test_two_scans_make_a_sensor_blind_and_two_make_it_see_again():
+    monitor = SightMonitor(False)
+    nothing = np.full(360, np.inf)
+    seen, lost = (FULL, 0, 0), (nothing, 300, 360)
+    scans = [seen, lost, lost, (nothing, 0, 360), seen, seen]
+    verdicts = [monitor.judge(*scan) for scan in scans]
+    blind = Sight.BLIND
+    assert verdicts == [Sight.CLEAR, Sight.CLEAR, blind, blind, blind, Sight.CLEAR]
+
+
+def test_the_first_silent_scan_already_frees_nothing():
+    monitor = SightMonitor(False)
+    monitor.judge(FULL, 0, 0)
+    monitor.judge(np.full(360, np.inf), 300, 360)
+    assert not monitor.silence_is_free
+
+
+def test_strewn_silence_slows_down_and_silence_side_by_side_does_not():
+    rng = np.random.default_rng(3)
+    strewn = with_lost(0.55, rng)
+    missing = int(silent_beams(strewn).sum())
+    monitor = SightMonitor(False)
+    assert monitor.judge(strewn, missing, missing) is Sight.THIN and not monitor.silence_is_free
+    aside = FULL.copy()
+    aside[:100] = np.inf
+    missing = int(silent_beams(aside).sum())
+    monitor = SightMonitor(False)
+    assert monitor.judge(aside, missing, missing) is Sight.CLEAR and monitor.silence_is_free
+
+
+def test_a_third_of_the_beams_lost_is_nothing_to_speak_of():
+    rng, monitor = np.random.default_rng(4), SightMonitor(False)
+    for _ in range(100):
+        scan = with_lost(0.3, rng)
+        missing = int(silent_beams(scan).sum())
+        assert monitor.judge(scan, missing, missing) is Sight.CLEAR
