@@ -13,7 +13,7 @@ import pytest
 
 from simloop.common.errors import InputError
 from simloop.loop import Simulation
-from simloop.messages import Estimate, MoverTracks
+from simloop.messages import Estimate, Event, MoverTracks
 from simloop.scenario.build import build_world
 from simloop.scenario.load import load
 
@@ -48,6 +48,27 @@ def test_a_run_goes_on_when_a_scan_is_empty_while_a_mover_is_followed():
     assert result.metrics["sim_time_s"] > 3.2
 
 
+def test_a_robot_is_kidnapped_after_scans_without_a_hit_have_made_its_map_grow(tmp_path):
+    """The search of the whole map needs distances of the map's present extent."""
+    boxes = "".join(
+        f"[[obstacles]]\nshape = 'box'\nposition_m = [{x}, {y}]\nsize_m = [0.3, 0.4]\n"
+        for x, y in ((-0.2, 1.1), (0.9, -1.0), (-0.9, 0.8), (1.2, 0.9))
+    )
+    fault = "[[faults]]\nkind = 'kidnapped'\nat_s = 12.0\nto = [0.1, 0.1, 1.0]\n"
+    bounds = "bounds_m = [-3.0, -4.0, 20.0, 4.0]\n"
+    path = _written(tmp_path, bounds + boxes + fault)
+    events = []
+
+    def hear(message):
+        if isinstance(message, Event):
+            events.append(message.text)
+
+    given = load(str(path), ["time_limit_s=14.0", "lidar.range_max_m=2.5", "goal=[15.0,0.0]"])
+    assert Simulation(given, [hear]).run().metrics["sim_time_s"] == pytest.approx(14.0)
+    assert any("lost" in text for text in events)
+    assert "found its pose in the map again" in events
+
+
 @pytest.mark.parametrize(
     "override",
     [
@@ -58,10 +79,11 @@ def test_a_run_goes_on_when_a_scan_is_empty_while_a_mover_is_followed():
         "slam.grain_m=1e-6",
         "smoother.extra_room_m=1e-17",
         "ekf.gyro_bias_std=10.0",
+        "slam.hit_log_odds=100.0",
     ],
 )
 def test_a_setting_at_its_limit_is_survived(override):
-    result, _, _ = _run("experiment", 2.5, override)
+    result, _, _ = _run("experiment", 2.5, override, "camera.enabled=true")
     assert result.metrics["sim_time_s"] > 1.0
 
 
@@ -100,3 +122,14 @@ def _shared(name):
 def test_shared_a_mover_and_nothing_else():
     result, _, _ = _run(_shared("25-movers-and-empty-scans/mover_and_nothing_else.toml"), 30.0)
     assert result.metrics["sim_time_s"] > 5.0
+
+
+@pytest.mark.slow
+def test_shared_kidnapped_after_growth():
+    events = []
+    path = _shared("24-kidnapped-after-growth/kidnapped.toml")
+    outcome = Simulation(load(str(path), []), [events.append]).run().outcome
+    texts = [event.text for event in events if isinstance(event, Event)]
+    assert any("lost" in text for text in texts)
+    assert "found its pose in the map again" in texts
+    assert outcome.value in ("reached", "missed", "lost", "gave_up", "timeout")

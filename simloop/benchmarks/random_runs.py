@@ -12,6 +12,7 @@ import time
 import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -315,6 +316,7 @@ def _settings(rng: np.random.Generator, count: int) -> list[str]:
     return texts
 
 
+@cache
 def numbers() -> dict[str, tuple[float, float, float, bool]]:
     """List the numeric settings that are drawn.
 

@@ -12,10 +12,8 @@ from simloop.common.quantities import (
     Angle,
     Fraction,
     Length,
-    NonNegative,
     Period,
     Rate,
-    Scale,
     Small,
     check_range,
     zero_or_enough,
@@ -24,6 +22,7 @@ from simloop.common.quantities import (
 # The filter multiplies and inverts squares of these: with a wider span they would be mere rounding.
 Deviation = Annotated[float, Field(ge=1e-6, le=10.0)]
 Walk = Annotated[float, Field(ge=1e-6, le=100.0)]
+LogOdds = Annotated[float, Field(ge=1e-6, le=100.0)]
 WalkOrZero = Annotated[float, Field(ge=0.0, le=100.0), AfterValidator(zero_or_enough)]
 
 
@@ -185,10 +184,10 @@ class SlamConfig:
     """
 
     resolution_m: Annotated[float, Field(ge=0.005, le=1.0)] = 0.05
-    hit_log_odds: Scale = 0.9
-    miss_log_odds: Scale = 0.4
-    max_log_odds: Scale = 5.0
-    occupied_log_odds: NonNegative = 0.5
+    hit_log_odds: LogOdds = 0.9
+    miss_log_odds: LogOdds = 0.4
+    max_log_odds: LogOdds = 5.0
+    occupied_log_odds: Annotated[float, Field(ge=0.0, le=1e3)] = 0.5
     search_xy_m: Annotated[float, Field(gt=0.0, le=2.0)] = 0.15
     search_yaw_rad: Annotated[float, Field(gt=0.0, le=3.2)] = 0.10
     search_points: Annotated[int, Field(ge=10, le=10_000)] = 90

@@ -149,7 +149,7 @@ class MotorConfig:
     """
 
     supply_v: Annotated[float, Field(ge=0.1, le=1e3)] = 24.0
-    resistance_ohm: Scale = 24.0 / 13.0
+    resistance_ohm: Annotated[float, Field(ge=1e-4, le=1e9)] = 24.0 / 13.0
     torque_nm_per_a: Scale = 1.57 / 1.6
     back_emf_v_per_radps: Scale = (24.0 - 0.5 * 24.0 / 13.0) / 14.975
     no_load_current_a: NonNegative = 0.5
