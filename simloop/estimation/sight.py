@@ -8,7 +8,8 @@ Three figures of each scan are compared:
     missing   silent beams that cross a surface of the map that was measured a moment ago
 
 A LiDAR that sees misses nothing. One that misses more than it measures is blind. One that has never
-measured anything may be blind or stand on open ground, and nothing it sends can tell which.
+measured anything may be blind or stand on open ground, and nothing it sends can tell which. A few
+posts prove a sensor too, if nearly all that comes back is firm.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ from simloop.messages import FloatArray
 
 _LEAST_SHARE, _LEAST_BEAMS = 1.0 / 72.0, 2  # so many beams make a figure: 5 of 360
 _PROOF_SHARE = 1.0 / 12.0  # so many firm beams prove that the sensor works: 30 of 360
+_NEAR_ALL = 0.75  # or fewer, if at least this share of all that came back is firm ...
+_PROOF_SCANS = 3  # ... in so many scans in a row: a few posts, and not strays
 _BLIND_SHARE = 0.5  # more missing beams than this share: the sensor is blind
 _SEES_SHARE = 0.3  # a blind sensor sees again below this share
 _THIN_SHARE = 0.3  # more missing beams than this share: silence does not count as free
@@ -112,7 +115,7 @@ class SightMonitor:
     def __init__(self, open_ground: bool) -> None:
         """open_ground: whether the ground is known to be open, so that silence proves nothing."""
         self._proven = open_ground
-        self._bad = self._good = 0
+        self._bad = self._good = self._sound = 0
         self.sight = Sight.CLEAR
         self.silence_is_free = True
         self.noise_m = 0.0
@@ -142,7 +145,10 @@ class SightMonitor:
         """
         beams, firm = len(ranges_m), firm_beams(ranges_m)
         least = max(_LEAST_BEAMS, round(_LEAST_SHARE * beams))
+        answered = int(np.isfinite(ranges_m).sum())
+        self._sound = self._sound + 1 if firm >= max(least, _NEAR_ALL * answered) else 0
         self._proven |= firm >= max(_LEAST_BEAMS, _PROOF_SHARE * beams)
+        self._proven |= self._sound >= _PROOF_SCANS
         share = missing / (missing + firm) if missing >= least else 0.0
         of_all = known_missing / (known_missing + firm) if known_missing + firm else 0.0
         # What hides behind an edge, or over which a tilted robot looks, lies side by side. Beams

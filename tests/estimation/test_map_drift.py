@@ -27,10 +27,10 @@ def test_the_first_scan_is_the_map_and_has_no_drift():
 
 def test_it_grows_with_new_ground_and_with_poor_fixes_only():
     assert drive(0.002, share=0.0) == (0.0, 0.0)
-    near, far = drive(0.004), drive(0.001)
+    near, far = drive(0.0008), drive(0.0002)
     assert near == pytest.approx(np.array(far) * 4.0)
     # Ten new views of one deviation, times three; the yaw's error swings the position aside.
-    assert far[1] == pytest.approx(0.001 * np.sqrt(3.0 * 10.0))
+    assert far[1] == pytest.approx(0.0002 * np.sqrt(3.0 * 10.0))
     assert far[0] > 3.0 * far[1]
 
 
@@ -39,3 +39,12 @@ def test_an_unheld_direction_counts_as_odometry_does():
     for x in (0.0, 0.1):
         drift.extend(np.array([x, 0.0, 0.0]), np.diag([900.0, 1e-8, 1e-8]), 1.0)
     assert drift.deviations(NOTHING)[0] < 0.05
+
+
+def test_a_robot_that_stands_or_does_not_turn_adds_what_odometry_may_err():
+    drift, poor = MapDrift(), np.diag([0.02, 0.02, 0.01]) ** 2
+    for _ in range(5):
+        drift.extend(np.zeros(3), poor, 1.0)
+    assert drift.deviations(NOTHING) == pytest.approx((0.001 * 12**0.5, 0.001 * 12**0.5))
+    drift.extend(np.array([0.0, 0.0, 0.2]), poor, 1.0)
+    assert drift.deviations(NOTHING)[1] > 0.017

@@ -84,7 +84,7 @@ def test_the_first_silent_scan_already_frees_nothing():
 
 def test_strewn_silence_slows_down_and_silence_side_by_side_does_not():
     rng = np.random.default_rng(3)
-    strewn = with_lost(0.55, rng)
+    strewn = with_lost(0.6, rng)
     missing = int(silent_beams(strewn).sum())
     monitor = SightMonitor(False)
     assert monitor.judge(strewn, missing, missing) is Sight.THIN and not monitor.silence_is_free
@@ -93,6 +93,16 @@ def test_strewn_silence_slows_down_and_silence_side_by_side_does_not():
     missing = int(silent_beams(aside).sum())
     monitor = SightMonitor(False)
     assert monitor.judge(aside, missing, missing) is Sight.CLEAR and monitor.silence_is_free
+
+
+def test_a_few_posts_prove_the_sensor_and_strays_do_not():
+    posts = np.full(360, np.inf)
+    posts[[10, 11, 12, 13, 200, 201, 202, 203]] = 2.0
+    strays = with_lost(0.95, np.random.default_rng(5))
+    for scan, sight in ((posts, Sight.CLEAR), (strays, Sight.UNPROVEN)):
+        monitor = SightMonitor(False)
+        assert monitor.judge(scan, 0, 0) is Sight.UNPROVEN
+        assert [monitor.judge(scan, 0, 0) for _ in range(4)][-1] is sight
 
 
 def test_a_third_of_the_beams_lost_is_nothing_to_speak_of():
