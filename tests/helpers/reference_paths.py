@@ -77,6 +77,7 @@ def plan_all(name: str, seed: int) -> Iterator[tuple[str, Plan]]:
             safe_distance_m=one.safe_m,
             start_turn_weight=0.0 if vehicle is _POINT else 0.1,
             max_evaluations=EVALUATIONS[name],
+            precise=True,
         )
         task = PlanningTask(one.world, one.start, one.goal, one.safe_m)
         plan = make_planner(config, vehicle).plan(task, np.random.default_rng(seed))
