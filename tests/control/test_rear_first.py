@@ -82,10 +82,8 @@ def test_a_turn_is_free_when_no_corner_meets_a_point_in_it(seed):
     bearing, far = rng.uniform(-math.pi, math.pi), rng.uniform(0.28, 0.42)
     point = far * np.array([math.cos(bearing), math.sin(bearing)])
     turned, extra = rng.uniform(-math.pi, math.pi), rng.uniform(0.0, 0.05)
-    seen, point = (
-        point,
-        (1.0 - 0.02 * (1.0 - 1.0 / 3.0) / far) * point,
-    )  # it may be that much nearer
+    seen = point
+    point = (1.0 - 0.04 / 3.0 / far) * seen  # a lone point may be that much nearer
     nearest = min(distance_to(point, a) for a in np.linspace(0.0, turned, 400))
     need = MONITOR.margin_m + extra
     if distance_to(point, 0.0) > need + 2e-3 and abs(nearest - need) > 2e-3:
