@@ -44,7 +44,7 @@ slow: $(READY)
 
 # Code with checks must not get into the cache that all else uses.
 bounds: $(READY)
-	@NUMBA_BOUNDSCHECK=1 NUMBA_OPT=0 NUMBA_CACHE_DIR=$$(mktemp -d) \
+	@NUMBA_BOUNDSCHECK=1 NUMBA_OPT=0 NUMBA_CACHE_DIR=build/bounds \
 	  $(PY) -m pytest -q -W ignore tests/test_kernel_bounds.py
 
 lint: $(READY)

@@ -6,7 +6,7 @@ import shlex
 
 import pytest
 
-from simloop.benchmarks.random_runs import draw_case, numbers, run_case
+from simloop.benchmarks.random_runs import Case, draw_case, numbers, run_case
 from simloop.config import Config
 from simloop.planners.registry import available
 
@@ -74,3 +74,16 @@ def test_a_few_random_runs():
 @pytest.mark.slow
 def test_some_tens_of_random_runs():
     assert failures(range(1000, 1060)) == {}
+
+
+@pytest.mark.slow
+def test_every_numeric_setting_at_both_of_its_limits():
+    found = {}
+    for k, (key, (_, least, most, whole)) in enumerate(sorted(numbers().items())):
+        for value in (least, most):
+            text = f"{key}={round(value) if whole else repr(value)}"
+            overrides = ("time_limit_s=2.5", text, "camera.enabled=true")
+            result = run_case(Case("low" if k % 2 else "hall", 1, overrides), patience_s=30.0)
+            if result.failure:
+                found[text] = result.failure
+    assert found == {}
