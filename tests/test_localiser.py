@@ -188,3 +188,23 @@ def test_thin_scans_after_two_misfits_end_as_given_up_and_not_in_silence():
             gave_up_after_s = (i - last) * PERIOD_NS * 1e-9
             break
     assert 9.0 < gave_up_after_s < 11.0
+
+
+def test_a_lost_robot_that_sees_little_believes_no_place_far_away():
+    own = localiser()
+    for _ in run(own, 50):
+        pass
+    sharp = np.diag([1e-6, 1e-6, 1e-6])
+    here, there = (
+        PoseFix(50 * PERIOD_NS, np.array(p), sharp, 1.0, True)
+        for p in ((0.1, 0.1, 0.1), (1.0, 0.0, 0.0))
+    )
+    own._rich = True
+    assert own._tells_places_apart(here) and own._tells_places_apart(there)
+    own._rich = False
+    assert own._tells_places_apart(here) and not own._tells_places_apart(there)
+    for unheld in (0, 1, 2):
+        vague = sharp.copy()
+        vague[unheld, unheld] = 1.0
+        own._rich = True
+        assert not own._tells_places_apart(PoseFix(here.t_ns, here.pose, vague, 1.0, True))

@@ -328,3 +328,16 @@ def test_where_no_counts_come_a_belt_is_driven_by_its_motors_law_and_not_faster(
     assert max(speeds[150:]) < 0.47
     assert speeds[199] == pytest.approx(0.45, abs=0.03)
     assert speeds[-1] == pytest.approx(0.45, abs=0.01)
+
+
+def test_at_the_goal_it_waits_for_a_pose_that_it_can_believe():
+    tracker = tracker_to((1.0, 0.0))
+    there = at_pose(1.0, 0.0, 0.0)
+    for _ in range(3):
+        velocity, mode = tracker.velocity(there, sure=False)
+        assert (velocity, mode) == (Velocity(0.0, 0.0), Mode.STOP) and not tracker.arrived
+        assert tracker.doubts_since_ns == there.t_ns
+    tracker.velocity(at_pose(0.0, 0.0, 0.0), sure=False)
+    assert tracker.doubts_since_ns is None  # it is elsewhere after all
+    assert tracker.velocity(there)[1] is Mode.ARRIVED and tracker.arrived
+    assert tracker.doubts_since_ns is None

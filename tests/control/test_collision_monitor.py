@@ -202,3 +202,17 @@ def test_a_wall_put_in_front_at_full_speed_is_not_touched(angle):
     assert fastest > 0.95 * config.max_speed_mps
     assert abs(truth.velocity_body[0]) < 0.01
     assert 0.0 < gap < 0.06
+
+
+def test_it_drives_no_faster_than_it_can_stop_within_its_range():
+    def cap(range_m):
+        monitor = monitor_of()
+        monitor.observe(np.empty((0, 2)), ORIGIN, None, range_m)
+        return monitor.speed_cap_mps
+
+    assert monitor_of().speed_cap_mps == np.inf and cap(12.0) > 0.47
+    assert cap(0.3) == 0.0  # it does not see beyond its own corners
+    reaction, brake, _, half_length, half_width, margin = monitor_of().limits
+    for range_m in (0.4, 0.5, 0.7):
+        way = cap(range_m) * reaction + cap(range_m) ** 2 / (2.0 * brake)
+        assert way == pytest.approx(range_m - np.hypot(half_length, half_width) - margin)
