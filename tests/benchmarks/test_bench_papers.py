@@ -180,6 +180,7 @@ def test_the_plain_field_does_not_come_out_of_the_trap():
     assert reason_of("potential_field", "trap", 0, 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["niwtlbo", "ga_apf"])
 def test_no_plan_of_cross_lines_or_of_a_deformed_field_leads_out_of_a_u(name):
     one = scene("S4b")[0]

@@ -133,6 +133,7 @@ def test_the_plans_of_a_scene_are_shared_by_its_instances():
                      ("ga", "S4a"): 10, ("astar", "S4a"): 1}  # fmt: skip
 
 
+@pytest.mark.slow
 def test_several_processes_give_the_same_as_one():
     tasks = load_scene("S1")
     jobs = make_jobs(tasks, ["de", "astar"], seeds=2, budget=400, learners=100)
@@ -168,7 +169,9 @@ def test_the_figures_of_a_small_comparison():
     assert not found["interrupted"]
 
 
-@pytest.mark.parametrize("name", ["S1", "S2", "S3", "S4a", "S4b"])
+@pytest.mark.parametrize(
+    "name", ["S1", pytest.param("S2", marks=pytest.mark.slow), "S3", "S4a", "S4b"]
+)
 @pytest.mark.parametrize("precise", [False, True])
 def test_the_lead_planners_own_figures_are_complete(name, precise):
     todo = [(one, optimum(one)) for one in scene(name)]

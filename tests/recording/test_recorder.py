@@ -184,7 +184,7 @@ def test_an_unfinished_file_is_readable_up_to_its_last_second(tmp_path: Path) ->
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
-@pytest.mark.parametrize("most_bytes", [700_000, 900_000])
+@pytest.mark.parametrize("most_bytes", [pytest.param(700_000, marks=pytest.mark.slow), 900_000])
 def test_a_full_disk_gives_one_line_and_a_readable_file(tmp_path: Path, most_bytes: int) -> None:
     path = tmp_path / "full.rrd"
     child = textwrap.dedent(
