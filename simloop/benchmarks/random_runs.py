@@ -79,7 +79,11 @@ class Case:
     overrides: tuple[str, ...]
 
     def command(self) -> str:
-        """Return the command line that repeats the run."""
+        """Write the command line that repeats the run.
+
+        Returns:
+            The command, quoted for a shell.
+        """
         sets = [part for text in self.overrides for part in ("--set", text)]
         return shlex.join(["simloop", "run", self.scenario, "--seed", str(self.seed), *sets])
 
