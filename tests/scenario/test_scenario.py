@@ -133,7 +133,10 @@ def test_set_reaches_every_key_and_refuses_what_it_cannot_be(key, value):
         ("=3", "write it as key=value"),
         ("arena=3\ngoal=[1,2]", "one value at a time"),
         ("name.x=3", "name is a value, not a table"),
-        ("rates.lidar_s=-0.1", "rates.lidar_s: must be greater than 0, not -0.1"),
+        (
+            "rates.lidar_s=-0.1",
+            "rates.lidar_s: must be greater than or equal to 0.000001, not -0.1",
+        ),
         ("rates.lidar_s=0.025", "rates.lidar_s = 0.025 s is not a whole multiple of"),
         ("arena=opn", "unknown arena 'opn' (did you mean 'open'?); choices: clutter,"),
         ("arena=none.xml", "arena: no such file"),
