@@ -171,6 +171,15 @@ def test_the_compiled_step_is_filterpys_predict_and_update(
     np.testing.assert_array_equal(ours.P, ours.P.T)
 
 
+def test_a_gyro_that_contradicts_the_belts_leaves_the_gauge_ratio_usable():
+    """A robot at rest whose gyro says that it spins: the belts could only fit with a gauge of 0."""
+    kf = make_filter()
+    for i in range(1, 200):
+        kf.advance(*reading(i * 10_000_000, 0.0, 0.0, rate=700.0), may_move=True)
+        state = kf.estimate().state
+        assert np.isfinite(state).all() and LEAST_GAUGE <= state[GAUGE] <= MOST_GAUGE
+
+
 def test_a_belief_that_was_given_away_never_changes():
     kf = make_filter()
     for i in range(1, 21):
