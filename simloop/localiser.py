@@ -142,6 +142,8 @@ class Localiser:
         self._rich = False  # whether most of the last scan was compared with the map
         self._sight = SightMonitor(config.monitor.open_ground)
         self._drift = MapDrift()
+        self._judged: Estimate | None = None
+        self._unsure = False
         self._time = {name: profiler.stage(name) for name in ("ekf", "slam")}
 
     @property
@@ -300,8 +302,11 @@ class Localiser:
 
     def _is_unsure(self) -> bool:
         """Whether twice the deviation of the pose is more than a right pose may be off."""
-        off_m, off_rad = self._drift.deviations(self._estimate.covariance[:3, :3])
-        return 2.0 * off_m > _WRONG_M or 2.0 * off_rad > _WRONG_RAD
+        if self._judged is not self._estimate:
+            self._judged = self._estimate
+            off_m, off_rad = self._drift.deviations(self._estimate.covariance[:3, :3])
+            self._unsure = 2.0 * off_m > _WRONG_M or 2.0 * off_rad > _WRONG_RAD
+        return self._unsure
 
     def _match_from(
         self,

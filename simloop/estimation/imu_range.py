@@ -33,9 +33,8 @@ class ImuRange:
             The reading, or the last one that was within the range; its stamp is old.
         """
         # A NaN fails these comparisons.
-        if (
-            np.abs(reading.gyro_radps).max() <= GYRO_RADPS
-            and np.abs(reading.accel_mps2).max() <= ACCEL_MPS2
+        if all(-GYRO_RADPS <= one <= GYRO_RADPS for one in reading.gyro_radps.tolist()) and all(
+            -ACCEL_MPS2 <= one <= ACCEL_MPS2 for one in reading.accel_mps2.tolist()
         ):
             self._last = reading
         return self._last

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numba import njit
 
 from simloop.geometry.se2 import wrap_angle
 from simloop.messages import FloatArray
@@ -19,6 +20,14 @@ from simloop.messages import FloatArray
 _ERRING_ALIKE = 3.0
 _MOST = 0.02  # of a fix along x, y, m, and yaw, rad: odometry holds what it does not ...
 _FULL_M, _FULL_RAD, _STILL = 0.05, 0.1, 0.05  # ... over such a way or turn; a part over less of it
+
+
+@njit(cache=True)
+def _deviations(drift: FloatArray, pose: FloatArray) -> tuple[float, float]:
+    """Compute the result of `MapDrift.deviations` of two covariances (3, 3)."""
+    a, b, c = drift[0, 0] + pose[0, 0], drift[0, 1] + pose[0, 1], drift[1, 1] + pose[1, 1]
+    greatest = 0.5 * (a + c) + math.hypot(0.5 * (a - c), b)
+    return math.sqrt(max(0.0, greatest)), math.sqrt(max(0.0, drift[2, 2] + pose[2, 2]))
 
 
 class MapDrift:
@@ -61,7 +70,5 @@ class MapDrift:
         Returns:
             Largest standard deviation of the position in any direction, m, and of the yaw, rad.
         """
-        a, b, c = (self.covariance + pose_covariance)[[0, 0, 1], [0, 1, 1]].tolist()
-        greatest = 0.5 * (a + c) + math.hypot(0.5 * (a - c), b)
-        yaw_var = float(self.covariance[2, 2] + pose_covariance[2, 2])
-        return math.sqrt(max(0.0, greatest)), math.sqrt(max(0.0, yaw_var))
+        off_m, off_rad = _deviations(self.covariance, pose_covariance)
+        return off_m, off_rad

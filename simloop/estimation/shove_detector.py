@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from operator import itemgetter
 
 from simloop.geometry.se2 import wrap_angle
 from simloop.messages import FloatArray
@@ -49,6 +50,7 @@ class ShoveDetector:
         return _SHOVE_VAR if t_ns < self._until_ns else 0.0
 
 
+_SPEED = itemgetter(4)
 _SLIDE_MPS = 0.12  # motion that the belts do not explain; on firm ground it stays below 0.09
 _SLIDE_NS = 300_000_000  # the motion over this time is compared, so that several scans count
 _SLIPPERY_NS = 3_000_000_000  # ground on which the robot has slid counts as slippery for this time
@@ -98,6 +100,6 @@ class SlideDetector:
         cos, sin = math.cos(middle), math.sin(middle)
         ahead = (cos * (x - x0) + sin * (y - y0)) / seconds
         aside = (cos * (y - y0) - sin * (x - x0)) / seconds
-        driven = sum(kept[4] for kept in self._kept) / len(self._kept)
+        driven = sum(map(_SPEED, self._kept)) / len(self._kept)
         if math.hypot(ahead - driven, aside) > _SLIDE_MPS:
             self._until_ns = t_ns + _SLIPPERY_NS

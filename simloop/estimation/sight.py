@@ -15,10 +15,12 @@ posts prove a sensor too, if nearly all that comes back is firm.
 from __future__ import annotations
 
 import math
+import statistics
 from collections import deque
 from enum import Enum
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from simloop.messages import FloatArray
@@ -95,12 +97,26 @@ def range_noise(ranges_m: FloatArray) -> float:
     """
     if len(ranges_m) < _NOISE_BEAMS:
         return math.nan
-    with np.errstate(invalid="ignore"):
-        bend = np.abs(np.roll(ranges_m, 1) - 2.0 * ranges_m + np.roll(ranges_m, -1))
-    bend = bend[np.isfinite(bend)]
-    if not len(bend):
+    return float(_smooth_bend(ranges_m, _SMOOTH_SHARE)) / _QUANTILE_OF_NOISE
+
+
+@njit(cache=True)
+def _smooth_bend(ranges_m: FloatArray, share: float) -> float:
+    """Quantile ``share`` of the finite second differences |a - 2 b + c| around a turn; else NaN."""
+    n, count = ranges_m.shape[0], 0
+    bend = np.empty(n)
+    for i in range(n):
+        one = abs(ranges_m[i - 1] - 2.0 * ranges_m[i] + ranges_m[(i + 1) % n])
+        if math.isfinite(one):
+            bend[count] = one
+            count += 1
+    if count == 0:
         return math.nan
-    return float(np.quantile(bend, _SMOOTH_SHARE)) / _QUANTILE_OF_NOISE
+    bend = np.sort(bend[:count])
+    place = share * (count - 1)
+    below = int(place)
+    above = min(below + 1, count - 1)
+    return bend[below] + (place - below) * (bend[above] - bend[below])
 
 
 class SightMonitor:
@@ -130,7 +146,7 @@ class SightMonitor:
         noise = range_noise(ranges_m)
         if math.isfinite(noise):
             self._noise.append(noise)
-            self.noise_m = float(np.median(self._noise))
+            self.noise_m = statistics.median(self._noise)
 
     def judge(self, ranges_m: FloatArray, missing: int, known_missing: int) -> Sight:
         """Take a scan.

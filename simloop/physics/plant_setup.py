@@ -106,7 +106,7 @@ def instability(data: mujoco.MjData, vehicle: FloatArray, heard: Sequence[str]) 
     """
     if heard:
         return f"MuJoCo warns: {printable(heard[0], 300)}"
-    if not np.abs(vehicle).max() < _FASTEST:
+    if not all(-_FASTEST < one < _FASTEST for one in vehicle.tolist()):  # also for NaN
         return f"the vehicle moves with more than {_FASTEST:g} m/s or rad/s"
     if not np.abs(data.qvel).max() < _FASTEST_LOOSE:
         return f"a loose body moves with more than {_FASTEST_LOOSE:g} m/s or rad/s"

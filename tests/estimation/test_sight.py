@@ -111,3 +111,13 @@ def test_a_third_of_the_beams_lost_is_nothing_to_speak_of():
         scan = with_lost(0.3, rng)
         missing = int(silent_beams(scan).sum())
         assert monitor.judge(scan, missing, missing) is Sight.CLEAR
+
+
+def test_the_noise_is_the_plain_quantile_of_the_bends():
+    rng = np.random.default_rng(6)
+    for lost in (0.0, 0.3):
+        scan = with_lost(lost, rng) + rng.normal(0.0, 0.02, 360)
+        with np.errstate(invalid="ignore"):
+            bend = np.abs(np.roll(scan, 1) - 2.0 * scan + np.roll(scan, -1))
+        plain = np.quantile(bend[np.isfinite(bend)], 0.2) / (0.2533 * 6.0**0.5)
+        assert range_noise(scan) == pytest.approx(plain, rel=1e-12)
