@@ -63,6 +63,7 @@ _AGREE_M, _AGREE_RAD = 0.08, 0.05  # largest difference of two successive search
 _NEAR_M, _NEAR_RAD = 0.3, 0.3  # surroundings of a belief in which a poor view may correct it
 _GIVE_UP_NS = 10_000_000_000  # the robot gives up after this time lost, halted or without scans
 _WRONG_M, _WRONG_RAD = 0.1, 0.1  # a pose that is off by more is wrong
+_MOST_DOUBT = 1.3  # up to here the robot may say that it has arrived: the bound is a cautious one
 _TILT_NS = 500_000_000  # the tilt is the mean over this time
 _IN_PLANE_M = 0.05  # beams that rise or fall by less than this still meet what they met before
 _HELD_VAR = 0.02**2  # a position with less variance than this is held by fixes, m^2
@@ -142,8 +143,7 @@ class Localiser:
         self._rich = False  # whether most of the last scan was compared with the map
         self._sight = SightMonitor(config.monitor.open_ground)
         self._drift = MapDrift()
-        self._judged: Estimate | None = None
-        self._unsure = False
+        self._judged, self._doubts = self._estimate, 0.0
         self._time = {name: profiler.stage(name) for name in ("ekf", "slam")}
 
     @property
@@ -155,7 +155,7 @@ class Localiser:
     @property
     def is_sure(self) -> bool:
         """Whether the pose is believed: the robot may drive by it, and it is not uncertain."""
-        return not self.health.current.halts and not self._is_unsure()
+        return not self.health.current.halts and self._doubt() <= _MOST_DOUBT
 
     def predict(self, readings: Readings, driven: bool) -> Estimate:
         """Advance the belief to the time of the readings with encoders and IMU.
@@ -284,7 +284,7 @@ class Localiser:
         self._slides.update(t_ns, estimate.state, held and measured)
         if self._slides.slippery(t_ns):
             health.note(t_ns, HealthReason.SLIDES)
-        if self._is_unsure():
+        if self._doubt() > 1.0:
             health.note(t_ns, HealthReason.UNSURE)
 
     def _judge_sight(self, scan: LidarScan, pose: FloatArray) -> FloatArray:
@@ -300,13 +300,13 @@ class Localiser:
             self.health.note(scan.t_ns, HealthReason.NOISY)
         return _NOWHERE if self._sight.silence_is_free else unanswered
 
-    def _is_unsure(self) -> bool:
-        """Whether twice the deviation of the pose is more than a right pose may be off."""
+    def _doubt(self) -> float:
+        """Twice the deviation of the pose, as a share of what a right pose may be off."""
         if self._judged is not self._estimate:
             self._judged = self._estimate
             off_m, off_rad = self._drift.deviations(self._estimate.covariance[:3, :3])
-            self._unsure = 2.0 * off_m > _WRONG_M or 2.0 * off_rad > _WRONG_RAD
-        return self._unsure
+            self._doubts = 2.0 * max(off_m / _WRONG_M, off_rad / _WRONG_RAD)
+        return self._doubts
 
     def _match_from(
         self,
