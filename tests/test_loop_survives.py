@@ -6,10 +6,9 @@ tested elsewhere.
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from helpers.shared_cases import shared_case
 
 from simloop.common.errors import InputError
 from simloop.loop import Simulation
@@ -17,7 +16,6 @@ from simloop.messages import Estimate, Event, MoverTracks
 from simloop.scenario.build import build_world
 from simloop.scenario.load import load
 
-SHARED = Path(__file__).parents[2] / "shared" / "cases"
 ALL_LOST = "faults=[{kind='beams_dropped', at_s=3.0, share=1.0, for_s=0.0}]"
 
 
@@ -111,22 +109,16 @@ def test_more_bodies_than_mujoco_reserves_memory_for(tmp_path):
         load(str(many), [])
 
 
-def _shared(name):
-    path = SHARED / name
-    if not path.is_file():
-        pytest.skip(f"no {path.name} beside this clone")
-    return path
-
-
 def test_shared_a_mover_and_nothing_else():
-    result, _, _ = _run(_shared("25-movers-and-empty-scans/mover_and_nothing_else.toml"), 30.0)
+    path = shared_case("25-movers-and-empty-scans") / "mover_and_nothing_else.toml"
+    result, _, _ = _run(path, 30.0)
     assert result.metrics["sim_time_s"] > 5.0
 
 
 @pytest.mark.slow
 def test_shared_kidnapped_after_growth():
     events = []
-    path = _shared("24-kidnapped-after-growth/kidnapped.toml")
+    path = shared_case("24-kidnapped-after-growth") / "kidnapped.toml"
     outcome = Simulation(load(str(path), []), [events.append]).run().outcome
     texts = [event.text for event in events if isinstance(event, Event)]
     assert any("lost" in text for text in texts)

@@ -61,6 +61,7 @@ NAME_CHARACTERS = 200
 
 JOURNAL_BYTES = 4 * 2**30
 """Size of a campaign's journal: a million runs without driven paths have some 2 GiB."""
+
 MJCF_ELEMENTS = 100_000
 """Elements of an MJCF arena."""
 
@@ -87,6 +88,7 @@ HEIGHT_POINTS = 2**21
 
 MESH_BYTES = 32 * 2**20
 """Size of a mesh, texture or height field of an MJCF arena, as a file."""
+
 SCENARIO_BYTES = 2**20
 """Size of a scenario file: the largest shipped one has 8 kB."""
 
@@ -95,7 +97,6 @@ INTEGER_BITS = 14_000
 
 TEXT_CHARACTERS = 10_000
 """Length of a text in a scenario, e.g. of its description."""
-
 
 MOVERS = 4_000
 """Things that move by themselves: their collisions with each other are checked pair by pair."""

@@ -70,5 +70,4 @@ class MapDrift:
         Returns:
             Largest standard deviation of the position in any direction, m, and of the yaw, rad.
         """
-        off_m, off_rad = _deviations(self.covariance, pose_covariance)
-        return off_m, off_rad
+        return _deviations(self.covariance, pose_covariance)

@@ -182,14 +182,22 @@ def _within_reach(
 
 
 @njit(cache=True)
+def _least(
+    x: float, y: float, vertices: FloatArray, starts: NDArray[np.int64], radii: FloatArray
+) -> float:
+    least = np.inf
+    for s in range(len(radii)):
+        least = min(least, _signed(x, y, vertices, starts[s], starts[s + 1], radii[s]))
+    return least
+
+
+@njit(cache=True)
 def _searched(
     points: FloatArray, vertices: FloatArray, starts: NDArray[np.int64], radii: FloatArray
 ) -> FloatArray:
-    out = np.full(len(points), np.inf)
+    out = np.empty(len(points))
     for n in range(len(points)):
-        x, y = points[n, 0], points[n, 1]
-        for s in range(len(radii)):
-            out[n] = min(out[n], _signed(x, y, vertices, starts[s], starts[s + 1], radii[s]))
+        out[n] = _least(points[n, 0], points[n, 1], vertices, starts, radii)
     return out
 
 
@@ -216,8 +224,7 @@ def _looked_up(
                 s = entries[k]
                 out[n] = min(out[n], _signed(x, y, vertices, starts[s], starts[s + 1], radii[s]))
         else:  # outside of the raster, or not a number
-            for s in range(len(radii)):
-                out[n] = min(out[n], _signed(x, y, vertices, starts[s], starts[s + 1], radii[s]))
+            out[n] = _least(x, y, vertices, starts, radii)
     return out
 
 

@@ -16,18 +16,13 @@ from simloop.common.errors import InputError
 from simloop.common.input_files import read_text
 from simloop.scenario.catalog import arena_files
 from simloop.scenario.scenario import ARENA_FILES, Scenario
+from simloop.worlds.gazebo.model_files import VARIABLES
 
 _XML = (".xml", ".mjcf", ".sdf", ".world", ".urdf", ".config")
 _MOST_FILES = 2000
 _NAMED = re.compile(r"""\bfile\w*\s*=\s*["']([^"'<>]+)["']|<uri>\s*([^<>]+?)\s*</uri>""")
 _FOLDER = re.compile(r"""\b(?:meshdir|texturedir|assetdir)\s*=\s*["']([^"'<>]+)["']""")
 _WORD = re.compile(r"""[^\s"',\[\]{}]+""")
-_MODEL_PATHS = (
-    "GAZEBO_MODEL_PATH",
-    "GZ_SIM_RESOURCE_PATH",
-    "IGN_GAZEBO_RESOURCE_PATH",
-    "SDF_PATH",
-)
 
 
 def input_files(scenario: Scenario, source: Path | None = None) -> dict[Path, str]:
@@ -109,7 +104,7 @@ def _places(
 ) -> Iterator[Path]:
     scheme, separator, rest = name.partition("://")
     if separator and scheme in ("model", "package"):
-        paths = (os.environ.get(key, "") for key in _MODEL_PATHS)
+        paths = (os.environ.get(key, "") for key in VARIABLES)
         roots = [Path(one) for path in paths for one in path.split(os.pathsep) if one]
         roots += [Path(one) for one in model_path]
         for root in (*roots, *bases, *(base.parent for base in bases)):

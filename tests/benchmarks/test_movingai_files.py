@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from helpers.cases import case
+from helpers.shared_cases import shared_case
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image, ImageOps
@@ -159,7 +159,7 @@ def test_a_map_of_one_long_lane_is_no_long_wait(tmp_path):
 def test_the_pictures_of_the_case_are_read_as_by_pillow():
     """See the README of the case: composed on white, turned as EXIF says."""
     seen = 0
-    for file in sorted(case("16-image-scenes").glob("*.*")):
+    for file in sorted(shared_case("16-image-scenes").glob("*.*")):
         if file.suffix == ".py" or file.name == "x.png":
             continue
         image = Image.open(file)

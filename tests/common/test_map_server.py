@@ -7,8 +7,8 @@ import time
 
 import numpy as np
 import pytest
-from helpers.cases import case
 from helpers.mutate import mutated
+from helpers.shared_cases import shared_case
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
@@ -140,7 +140,7 @@ def test_deep_long_and_multiplying_files_end_at_once(tmp_path, yaml):
 
 
 def test_transparent_pixels_are_unknown_and_opaque_black_is_black(tmp_path):
-    """The opacity is no fourth colour (navigation2, issue 4233). The mode raw does not use it."""
+    """The opacity is no fourth colour (so navigation2 reads it). The mode raw does not use it."""
     opacity = np.array([[255, 255, 255], [0, 254, 255]], np.uint8)
     rgba = np.dstack([PICTURE, PICTURE, PICTURE, opacity])
     high = BASE.replace("0.65", "0.9")
@@ -223,7 +223,7 @@ def test_the_dialects_of_the_case_are_read_as_by_pyyaml_and_pillow():
     """See the README of the case: the same cells, or a refusal."""
     import yaml
 
-    folder = case("06-map-yaml-dialects")
+    folder = shared_case("06-map-yaml-dialects")
     seen = 0
     for file in sorted([*folder.glob("*.yaml"), *folder.glob("*.yml")]):
         try:
