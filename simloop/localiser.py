@@ -279,9 +279,9 @@ class Localiser:
     def _note_doubts(self, estimate: Estimate) -> None:
         """Note whether the robot slides, and whether its pose is uncertain."""
         health, t_ns = self.health, estimate.t_ns
-        held = float(np.trace(self.ekf.covariance_in_map[:2, :2])) < _HELD_VAR
-        measured = _UNMEASURED.isdisjoint(health.current.reasons)
-        self._slides.update(t_ns, estimate.state, held and measured)
+        in_map, reasons = self.ekf.covariance_in_map, health.current.reasons
+        held = bool(in_map[0, 0] + in_map[1, 1] < _HELD_VAR)
+        self._slides.update(t_ns, estimate.state, held and _UNMEASURED.isdisjoint(reasons))
         if self._slides.slippery(t_ns):
             health.note(t_ns, HealthReason.SLIDES)
         if self._doubt() > 1.0:

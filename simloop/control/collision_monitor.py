@@ -184,8 +184,22 @@ def stopping_limits(
     )
 
 
+def _speed_within(range_m: float, limits: FloatArray) -> float:
+    """The largest speed, m/s, from which the robot stops within ``range_m``; ``limits`` (6,)."""
+    reaction, brake, _, half_length, half_width, margin = limits.tolist()
+    room = range_m - math.hypot(half_length, half_width) - margin
+    if room <= 0.0:
+        return 0.0
+    return float(math.sqrt((brake * reaction) ** 2 + 2.0 * brake * room) - brake * reaction)
+
+
 class CollisionMonitor:
-    """Remembers the points of the last scans that lie near the robot."""
+    """Remembers the points of the last scans that lie near the robot.
+
+    Attributes:
+        limits: (6,) as in `stoppable_part`.
+        speed_cap_mps: The largest speed, m/s, from which the robot stops within its LiDAR's range.
+    """
 
     def __init__(
         self,
@@ -207,16 +221,7 @@ class CollisionMonitor:
         self._points = np.empty((0, 2))
         self._poses: deque[FloatArray] = deque(maxlen=config.scans)
         self._pose = np.zeros(3)
-        self._range_m = math.inf
-
-    @property
-    def speed_cap_mps(self) -> float:
-        """The largest speed, m/s, from which the robot stops within its LiDAR's range."""
-        reaction, brake, _, half_length, half_width, margin = self.limits.tolist()
-        room = self._range_m - math.hypot(half_length, half_width) - margin
-        if room <= 0.0:
-            return 0.0
-        return float(math.sqrt((brake * reaction) ** 2 + 2.0 * brake * room) - brake * reaction)
+        self.speed_cap_mps = math.inf
 
     def observe(
         self,
@@ -233,7 +238,7 @@ class CollisionMonitor:
             standing_m: (k, 2) in map, m: what stands there although no scan shows it.
             range_m: Greatest range of the sensor, m: what is farther away is not known.
         """
-        self._range_m = range_m
+        self.speed_cap_mps = _speed_within(range_m, self.limits)
         self._pose = pose = np.array(pose, np.float64)
         self._scans.append(near_points(np.ascontiguousarray(points_m), pose, self._near_m))
         self._poses.append(pose)
