@@ -21,11 +21,7 @@ from simloop.mapping.map_files import load_map
 from simloop.replay.carmen import parse_carmen
 from simloop.replay.laser_log import ScanReader, usable_range_m
 from simloop.replay.read_log import read_log
-from simloop.replay.relations import (
-    interpolate_poses,
-    read_relations,
-    relation_errors,
-)
+from simloop.replay.relations import read_relations, relation_errors
 
 seeds = st.integers(0, 2**32 - 1)
 ROOM = Room(*box(-3, -2.5, 4, 3), *box(1.0, 1.2, 1.6, 2.0), *box(-2.0, -1.8, -1.5, -1.2))
@@ -135,15 +131,6 @@ def test_errors_are_those_of_the_motion_between_true_and_found(seed):
     assert found.translation_mean_m == pytest.approx(np.mean([e[0] for e in expected]))
     assert found.translation_std_m == pytest.approx(np.std([e[0] for e in expected]))
     assert found.rotation_mean_deg == pytest.approx(np.mean([e[1] for e in expected]))
-
-
-def test_poses_are_interpolated_across_short_gaps_only():
-    t = np.array([0.0, 0.5, 3.0])
-    poses = np.array([[0.0, 0, 3.1], [1.0, 0, -3.1], [9.0, 0, 0]])
-    found = interpolate_poses(t, poses, np.array([0.25, 0.5, 1.5, 3.0, -0.1, 3.1]))
-    np.testing.assert_allclose(found[0], [0.5, 0.0, math.pi], atol=1e-9)
-    np.testing.assert_allclose(found[[1, 3]], poses[[1, 2]], atol=1e-9)
-    assert np.isnan(found[[2, 4, 5]]).all()
 
 
 def test_relations_come_back_from_their_file(tmp_path):
