@@ -95,7 +95,8 @@ def carry(
 
     The pose before an instant is carried forward by odometry, and the pose after it back. The two
     are blended by time. If the odometry reaches from one of the two scans only, because it has a
-    gap, that one counts.
+    gap, that one counts. So does the last scan after the end, and the first one before the start,
+    but for no longer than the longest time between two scans.
 
     Args:
         t_s: (n,) times of the scans, rising, s.
@@ -108,7 +109,10 @@ def carry(
         exact time of a scan the pose is the scan's.
     """
     before, after, exact, inside = _around(t_s, when_s)
-    found, missing = np.full((len(when_s), 3), np.nan), inside & ~exact
+    before[when_s > t_s[-1]] = len(t_s) - 1
+    reach_s = float(np.diff(t_s).max()) if len(t_s) > 1 else 0.0
+    near = (when_s >= t_s[0] - reach_s) & (when_s <= t_s[-1] + reach_s)
+    found, missing = np.full((len(when_s), 3), np.nan), near & ~exact
     found[exact] = poses[after[exact]]
     share = _share(t_s, before, after, when_s)
     for track in tracks:
@@ -123,7 +127,7 @@ def carry(
         found[reached] = _blend(one, other, share)[reached]
         missing &= ~reached
     why = np.where(np.isfinite(found).all(axis=1), MEASURED, LOST)
-    why[missing], why[~inside] = IN_GAP, OUTSIDE
+    why[missing & inside], why[(missing & ~inside) | ~near] = IN_GAP, OUTSIDE
     return found, why
 
 

@@ -83,6 +83,18 @@ def test_a_gap_in_the_odometry_is_not_bridged():
     assert np.isnan(found[why != MEASURED]).all()
 
 
+def test_the_ends_are_carried_on_for_as_long_as_the_longest_step_between_scans():
+    t_s, truth = drive()
+    track = OdometryTrack(t_s, truth)
+    scans = [40, 60, 90]  # at 4, 6 and 9 s
+    when = np.array([0.9, 1.1, 3.9, 9.1, 11.9, 12.1, math.nan])
+    found, why = carry(t_s[scans], truth[scans], [track], when)
+    assert why.tolist() == [OUTSIDE, *[MEASURED] * 4, OUTSIDE, OUTSIDE]
+    np.testing.assert_allclose(found[1:5], truth[[11, 39, 91, 119]], atol=1e-9)
+    _, why = carry(t_s[[40]], truth[[40]], [track], np.array([3.9, 4.0, 4.1]))
+    assert why.tolist() == [OUTSIDE, MEASURED, OUTSIDE]
+
+
 def test_the_scans_own_odometry_helps_out_in_a_gap_of_the_lines():
     t_s, truth = drive()
     scans = OdometryTrack(t_s, truth)
