@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 
 from simloop.cli.common import INTERRUPTED, JsonFile, check_json, compiling_shown, write_json
 from simloop.cli.stopping import leaves_at_once, stopping
+
+if TYPE_CHECKING:
+    from simloop.benchmarks.logs.bench import Task
 
 _NOTE = "stopping: the logs that are mapped are kept; once more to end at once"
 
@@ -61,25 +64,14 @@ def bench_logs(
     """
     from simloop.benchmarks.logs import bench, tables
     from simloop.benchmarks.planners.bench import names
-    from simloop.common.files import FilePlan
     from simloop.common.terminal import counting
     from simloop.graph_slam.warmup import warm_up
     from simloop.replay.outputs import print_notes
-    from simloop.replay.report import page
 
     found, said = bench.find_logs(folder)
     logs = bench.choose(found, names(only))
     tasks = bench.tasks_of(logs, bench.parse_steps(names(thin)), report)
-    plan = FilePlan()
-    for path in found.values():
-        plan.reads(path, f"the log {path}")
-    pages = [task.page.name for task in tasks if task.page is not None]
-    plan.writes_into(report, "--report", [tables.INDEX, *pages] if pages else [])
-    plan.writes(json_file, "--json")
-    plan.check()
-    check_json(json_file)
-    if report is not None:
-        page.check()
+    _check(tasks, list(found.values()), json_file, report)
     notes = Console(stderr=True)
     print_notes(notes, said)
     with compiling_shown(notes) as compiled:
@@ -97,3 +89,22 @@ def bench_logs(
     if figures["interrupted"]:
         return INTERRUPTED
     return 0 if figures["ok"] else 1
+
+
+def _check(
+    tasks: list[Task], logs: list[Path], json_file: Path | None, report: Path | None
+) -> None:
+    """Check that all outputs can be written, and that none replaces a log."""
+    from simloop.benchmarks.logs.tables import INDEX
+    from simloop.common.files import FilePlan
+    from simloop.replay.report import page
+
+    plan = FilePlan()
+    plan.reads_all({path: f"the log {path}" for path in logs})
+    pages = [task.page.name for task in tasks if task.page is not None]
+    plan.writes_into(report, "--report", [INDEX, *pages])
+    plan.writes(json_file, "--json")
+    plan.check()
+    check_json(json_file)
+    if report is not None:
+        page.check()

@@ -77,7 +77,7 @@ def find_logs(folder: Path) -> tuple[dict[str, Path], list[str]]:
     }
     notes = []
     if others:
-        notes.append(f"{folder}: {len(others)} files are no logs: {', '.join(others)}")
+        notes.append(f"{folder}: not taken for logs: {', '.join(others)}")
     return found, notes
 
 
