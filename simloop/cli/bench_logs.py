@@ -18,32 +18,39 @@ if TYPE_CHECKING:
 _NOTE = "stopping: the logs that are mapped are kept; once more to end at once"
 
 
+Folder = Annotated[Path, typer.Argument(metavar="DIR", help="A folder of recorded logs.")]
+Report = Annotated[
+    Path | None,
+    typer.Option(metavar="DIR", help="Write an HTML page for each log into this directory."),
+]
+Only = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME",
+        help="Logs, by name or its beginning; repeatable or with commas. Default: all.",
+    ),
+]
+Thin = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="M",
+        help="Map each log also with a scan each M metres or 30 degrees; repeatable or with "
+        "commas.",
+    ),
+]
+Workers = Annotated[
+    int, typer.Option(min=0, max=256, help="Number of processes; 0: as many as cores.")
+]
+
+
 @leaves_at_once
 def bench_logs(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder of recorded logs.")],
+    folder: Folder,
     json_file: JsonFile = None,
-    report: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Write an HTML page for each log into this directory."),
-    ] = None,
-    only: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME",
-            help="Logs, by name or its beginning; repeatable or with commas. Default: all.",
-        ),
-    ] = None,
-    thin: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="M",
-            help="Map each log also with a scan each M metres or 30 degrees; repeatable or with "
-            "commas.",
-        ),
-    ] = None,
-    workers: Annotated[
-        int, typer.Option(min=0, max=256, help="Number of processes; 0: as many as cores.")
-    ] = 0,
+    report: Report = None,
+    only: Only = None,
+    thin: Thin = None,
+    workers: Workers = 0,
 ) -> int:
     """Map the recorded logs of a folder with the same settings.
 

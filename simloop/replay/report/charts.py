@@ -200,6 +200,7 @@ def _draw_map(axis: Any, grid: GridMap) -> None:
     x, y = grid.origin_m
     rows, columns = grey.shape
     extent = (x, x + columns * grid.resolution_m, y, y + rows * grid.resolution_m)
+    axis.set_facecolor("0.8")  # as unknown cells
     axis.imshow(grey, cmap="gray", vmin=0.0, vmax=1.0, origin="lower", extent=extent)
 
 
