@@ -1,9 +1,8 @@
 """Accuracy and speed of the graph mapper on simulated courses with known truth.
 
-evo (Grupp 2017) compares the trajectories. The absolute trajectory error (ATE) is computed after
-the best rigid alignment (Sturm et al. 2012), and without alignment from the common start. The
-relative pose error (RPE) is computed over one metre of path. The robot never uses these figures in
-a decision.
+The absolute trajectory error (ATE) is computed after the best rigid alignment, and without
+alignment from the common start. The relative pose error (RPE) is computed over one metre of path.
+See `simloop.evaluation.trajectories`.
 """
 
 from __future__ import annotations
@@ -22,6 +21,7 @@ from simloop.common.compile_listener import Report, silent
 from simloop.common.errors import InputError, did_you_mean
 from simloop.common.terminal import print_table
 from simloop.evaluation.provenance import machine, versions
+from simloop.evaluation.trajectories import absolute_errors, check_evo, relative_errors, rms
 from simloop.geometry.se2 import between, compose, wrap_angle
 from simloop.graph_slam.mapper import GraphMapper
 from simloop.graph_slam.settings import MappingConfig
@@ -71,7 +71,7 @@ def run(
     for name in names:
         if name not in COURSES:
             raise InputError(f"--course {name}: unknown{did_you_mean(name, COURSES)}")
-    _evo()
+    check_evo("bench slam")
     warm_up(report)
     rows: list[dict[str, Any]] = []
     for name in names or COURSES:
@@ -152,15 +152,14 @@ def measure(driven: Drive) -> dict[str, Any]:
     found, truth = mapper.trajectory(), driven.truth
     odometry = _from_start(truth[0], np.array([poses[-1] for _, poses in driven.trails]))
     iou, surface = map_quality(mapper.map(), driven.floor)
-    ate, rpe = _evo_errors(truth, found)
     return {
         "finished": driven.done,
         "scans": len(each),
         "way_m": float(np.hypot(*np.diff(truth[:, :2], axis=0).T).sum()),
-        "ate_rmse_m": ate,
+        "ate_rmse_m": rms(absolute_errors(truth, found)),
         "ate_from_start_m": float(np.sqrt(np.mean(np.sum((found - truth)[:, :2] ** 2, axis=1)))),
-        "rpe_rmse_m": rpe,
-        "odometry_ate_rmse_m": _evo_errors(truth, odometry)[0],
+        "rpe_rmse_m": rms(relative_errors(truth, found, _RPE_M, along_reference=False)),
+        "odometry_ate_rmse_m": rms(absolute_errors(truth, odometry)),
         "nees_mean": nees(mapper, truth[keyframes]),
         "map_iou": iou,
         "surface_p95_m": surface,
@@ -223,38 +222,6 @@ def map_quality(grid: GridMap, floor: FloorPlan) -> tuple[float, float]:
 def _from_start(start: FloatArray, odometry: FloatArray) -> FloatArray:
     """Compute odometry poses (n, 3) in the map frame, with the first one at ``start`` (3,)."""
     return np.array([compose(start, between(odometry[0], pose)) for pose in odometry])
-
-
-def _evo() -> tuple[Any, Any]:
-    """Import evo's modules for metrics and trajectories; raise InputError if it is missing."""
-    try:
-        from evo.core import metrics, trajectory
-    except ImportError:
-        raise InputError("bench slam compares by evo: pip install 'simloop[slam]'") from None
-    return metrics, trajectory
-
-
-def _evo_errors(truth: FloatArray, found: FloatArray) -> tuple[float, float]:
-    """Compute ATE after alignment and RPE over one metre of path, both RMS, m; poses (n, 3)."""
-    metrics, trajectory = _evo()
-
-    def path(poses: FloatArray) -> Any:
-        half, zero = 0.5 * poses[:, 2], np.zeros(len(poses))
-        return trajectory.PosePath3D(
-            positions_xyz=np.column_stack([poses[:, :2], zero]),
-            orientations_quat_wxyz=np.column_stack([np.cos(half), zero, zero, np.sin(half)]),
-        )
-
-    true, aligned = path(truth), path(found)
-    aligned.align(true)
-    ate = metrics.APE(metrics.PoseRelation.translation_part)
-    ate.process_data((true, aligned))
-    rpe = metrics.RPE(
-        metrics.PoseRelation.translation_part, _RPE_M, metrics.Unit.meters, all_pairs=True
-    )
-    rpe.process_data((true, path(found)))
-    rms = metrics.StatisticsType.rmse
-    return float(ate.get_statistic(rms)), float(rpe.get_statistic(rms))
 
 
 def print_figures(console: Console, figures: dict[str, Any]) -> None:

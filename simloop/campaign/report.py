@@ -14,7 +14,7 @@ from simloop.campaign.thresholds import Verdict
 from simloop.campaign.work import Row
 from simloop.common.errors import InputError
 from simloop.common.files import write_text
-from simloop.common.html_images import embedded
+from simloop.common.html_images import check_libraries, embedded, filled
 
 _TEMPLATE = Path(__file__).with_name("page.html.j2")
 _PICTURES = 4
@@ -27,14 +27,10 @@ def check() -> None:
     Raises:
         InputError: If one is missing.
     """
-    for name in ("jinja2", "matplotlib"):
-        try:
-            importlib.import_module(name)
-        except ImportError:
-            raise InputError(
-                f"the report needs {name}, which is not installed: "
-                "pip install 'simloop[report]', or give --no-report"
-            ) from None
+    try:
+        check_libraries("the report")
+    except InputError as error:
+        raise InputError(f"{error}, or give --no-report") from None
 
 
 def write(
@@ -78,28 +74,24 @@ def render(
     Returns:
         The HTML page.
     """
-    jinja2 = importlib.import_module("jinja2")
     charts = importlib.import_module("simloop.campaign.charts")
     rows = [row for _, row in runs]
     summaries = summarise(rows)
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
     failed = [run for run in runs if not run[1]["success"]]
-    text: str = environment.from_string(_TEMPLATE.read_text(encoding="utf-8")).render(
-        runs=len(runs),
-        reached=len(runs) - len(failed),
-        summaries=summaries,
-        figures=FIGURES,
-        verdicts=verdicts,
-        failed=failed[:_FAILURES_LISTED],
-        left_out=max(0, len(failed) - _FAILURES_LISTED),
-        pictures=pictures,
-        success=charts.success(summaries),
-        distributions=charts.distributions(rows),
-        name_of=name_of,
-    )
-    return text
+    values = {
+        "runs": len(runs),
+        "reached": len(runs) - len(failed),
+        "summaries": summaries,
+        "figures": FIGURES,
+        "verdicts": verdicts,
+        "failed": failed[:_FAILURES_LISTED],
+        "left_out": max(0, len(failed) - _FAILURES_LISTED),
+        "pictures": pictures,
+        "success": charts.success(summaries),
+        "distributions": charts.distributions(rows),
+        "name_of": name_of,
+    }
+    return filled(_TEMPLATE, values)
 
 
 def _pictures(

@@ -14,6 +14,7 @@ import typer
 from rich.console import Console
 
 from simloop.cli.apart import OWN_FILES, Redo, Repair, check_apart, check_redo
+from simloop.cli.bench_logs import bench_logs
 from simloop.cli.common import (
     INTERRUPTED,
     JsonFile,
@@ -322,6 +323,9 @@ def bench_faults(
     bench_faults.print_figures(Console(), figures)
     write_json(json_file, figures)
     return 0 if figures["ok"] else 1
+
+
+bench_app.command("logs")(bench_logs)
 
 
 @bench_app.command("slam")

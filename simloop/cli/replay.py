@@ -26,6 +26,15 @@ Relations = Annotated[
     Path | None,
     typer.Option(metavar="FILE", help="Reference relations to judge the trajectory by."),
 ]
+Reference = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE.tum", help="Another trajectory (TUM format) to compare the trajectory with."
+    ),
+]
+ReportDir = Annotated[
+    Path | None, typer.Option("--report", metavar="DIR", help="Write an HTML page here.")
+]
 Prior = Annotated[
     Path | None,
     typer.Option("--map", metavar="FILE.yaml", help="Localise in this map instead of making one."),
@@ -38,6 +47,8 @@ def replay(
     out: Out = None,
     relations: Relations = None,
     prior: Prior = None,
+    reference: Reference = None,
+    report_dir: ReportDir = None,
 ) -> int:
     """Map or localise with a recorded log of a real robot.
 
@@ -51,6 +62,8 @@ def replay(
         out: The directory of map, trajectory and recording.
         relations: The file of reference relations between poses of the trajectory.
         prior: The YAML file of a map to localise in.
+        reference: The TUM file of a reference, with times on the log's clock.
+        report_dir: The directory of the HTML page.
 
     Returns:
         The exit code.
@@ -60,9 +73,9 @@ def replay(
     from simloop.graph_slam.settings import MappingConfig
     from simloop.replay import outputs, session
 
-    files = outputs.ReplayFiles(out, json_file)
-    files.check(log, relations, prior, prior and picture_of(prior))
-    read, truth = session.load(log, relations)
+    files = outputs.ReplayFiles(out, json_file, report_dir)
+    files.check(log, relations, reference, prior, prior and picture_of(prior))
+    read, truth = session.load(log, relations, reference)
     config = MappingConfig()
     known = session.load_prior(prior, config) if prior is not None else None
     notes = Console(stderr=True)
@@ -72,7 +85,7 @@ def replay(
         replayed = session.run(
             read, truth, config, known, lambda done: show(done) or not stop(), report
         )
-        outputs.write(replayed, files)
+        outputs.write(replayed, files, log.name)
     figures = replayed.figures
     outputs.print_notes(notes, figures["notes"][len(read.notes) :])
     if json_file == outputs.STDOUT:

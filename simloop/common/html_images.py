@@ -1,10 +1,57 @@
-"""Embed images in an HTML page, so that the page needs no other file."""
+"""Make HTML pages from templates, with embedded images, so that a page needs no other file."""
 
 from __future__ import annotations
 
 import base64
+import importlib
 import io
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
+
+from simloop.common.errors import InputError
+
+
+def check_libraries(option: str, names: Sequence[str] = ("jinja2", "matplotlib")) -> None:
+    """Check that the libraries of a report are installed.
+
+    Args:
+        option: The option that asks for the report, for the error message.
+        names: The libraries.
+
+    Raises:
+        InputError: If one is missing.
+    """
+    for name in names:
+        try:
+            importlib.import_module(name)
+        except ImportError:
+            raise InputError(
+                f"{option} needs the library {name}: pip install 'simloop[report]'"
+            ) from None
+
+
+def filled(
+    template: Path, values: Mapping[str, Any], figure: Callable[..., str] | None = None
+) -> str:
+    """Fill a page's template. Texts are escaped unless the template marks them as safe.
+
+    Args:
+        template: The template's file.
+        values: The template's variables.
+        figure: The template's filter ``figure``, which formats a number; None if it has none.
+
+    Returns:
+        HTML text.
+    """
+    jinja2 = importlib.import_module("jinja2")
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    if figure is not None:
+        environment.filters["figure"] = figure
+    text: str = environment.from_string(template.read_text(encoding="utf-8")).render(**values)
+    return text
 
 
 def embedded(data: bytes, kind: str = "png", alt: str = "") -> str:

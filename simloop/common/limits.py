@@ -23,6 +23,9 @@ LOG_BYTES = 2**30
 LOG_SCANS = 500_000
 """Scans of a recorded log: more than three hours at 40 Hz."""
 
+LOG_ODOMETRY = 2_000_000
+"""Odometry lines of a recorded log: more than five hours at 100 Hz."""
+
 LOG_READINGS = 80_000_000
 """Ranges of a recorded log, all scans together; each takes four bytes."""
 

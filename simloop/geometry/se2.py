@@ -194,3 +194,19 @@ def compose_all(a_from_b: FloatArray, b_from_c: FloatArray) -> FloatArray:
     return np.stack(
         [a_from_b[..., 0] + cos * x - sin * y, a_from_b[..., 1] + sin * x + cos * y, yaw], axis=-1
     )
+
+
+def between_all(w_from_a: FloatArray, w_from_b: FloatArray) -> FloatArray:
+    """Compute many poses in the frames of others at once.
+
+    Args:
+        w_from_a: (N, 3) or (3,) x, y, yaw, m, m, rad.
+        w_from_b: (N, 3) or (3,) poses in the same frame w.
+
+    Returns:
+        (N, 3) a_from_b, yaw wrapped.
+    """
+    cos, sin = np.cos(w_from_a[..., 2]), np.sin(w_from_a[..., 2])
+    dx, dy = w_from_b[..., 0] - w_from_a[..., 0], w_from_b[..., 1] - w_from_a[..., 1]
+    yaw = wrap_angles(w_from_b[..., 2] - w_from_a[..., 2])
+    return np.stack([cos * dx + sin * dy, cos * dy - sin * dx, yaw], axis=-1)

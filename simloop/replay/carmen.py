@@ -22,6 +22,7 @@ from simloop.messages import FloatArray
 from simloop.replay.beams import flaser_angles, robotlaser_angles
 from simloop.replay.carmen_lines import Parameters, ScanLine, flaser, odometry, robotlaser
 from simloop.replay.laser_log import LaserLog, RawScans, clean_log
+from simloop.replay.odometry import Odometry
 from simloop.replay.unused import Unused
 
 _SCANS = {"FLASER": flaser, "ROBOTLASER1": robotlaser, "RAWLASER1": robotlaser}
@@ -40,7 +41,7 @@ class _Lines:
     def __init__(self, lines: Iterable[str], name: str) -> None:
         self.scans: dict[str, list[ScanLine]] = {kind: [] for kind in _SCANS}
         self.bad: dict[str, list[int]] = {kind: [] for kind in _SCANS}
-        self.odom = array("d")  # line, x, y, yaw and stamp of each ODOM line
+        self.odom = array("d")  # line, x, y, yaw and two stamps of each ODOM line
         self.others: Counter[str] = Counter()
         self.parameters = Parameters()
         self._name, readings = name, 0
@@ -71,7 +72,11 @@ class _Lines:
     def _add_odometry(self, words: list[str], number: int) -> None:
         with suppress(ValueError, IndexError):
             self.odom.extend((number, *odometry(words)))
-        check_limit(len(self.odom) // 5, _MOST_ODOMETRY, f"{self._name}: ODOM lines")
+        check_limit(len(self.odom) // 6, _MOST_ODOMETRY, f"{self._name}: ODOM lines")
+
+    def odometry(self) -> FloatArray:
+        """Return (m, 6) line, x, y, yaw and two stamps of each ODOM line."""
+        return np.frombuffer(self.odom).reshape(-1, 6)
 
     def front_laser(self, name: str) -> str:
         """Choose the kind of the lines: that of most scans; lines with poses are preferred."""
@@ -126,7 +131,9 @@ def parse_carmen(lines: Iterable[str], name: str = "log") -> LaserLog:
     ranges = np.array([scan.ranges for scan in scans])
     clocks = np.array([scan.clocks for scan in scans]).T.copy()
     places = [scan.number for scan in scans]
-    raw = RawScans(ranges, odom, (clocks[0], clocks[1]), places, "line")
+    lines = read.odometry()
+    every = Odometry((lines[:, 4], lines[:, 5]), lines[:, 1:4]) if len(lines) else None
+    raw = RawScans(ranges, odom, (clocks[0], clocks[1]), places, "line", None, every)
     stated = Counter(scan.range_max_m for scan in scans).most_common(1)[0][0]
     return clean_log(raw, angles, laser, name, unused, None, stated, notes)
 
@@ -167,7 +174,7 @@ def _poses(scans: list[ScanLine], read: _Lines, notes: list[str]) -> tuple[Float
     if not read.odom:
         notes.append("the log has no odometry: the robot is taken to stand still")
         return np.zeros((len(scans), 3)), by_parameter
-    odom = np.frombuffer(read.odom).reshape(-1, 5)
+    odom = read.odometry()
     return _odometry_at(scans, odom), by_parameter
 
 

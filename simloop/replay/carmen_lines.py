@@ -11,6 +11,7 @@ PARAM name value  t host logger_t
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -151,14 +152,15 @@ def robotlaser(words: list[str], number: int) -> ScanLine:
     return ScanLine(number, ranges, poses, clocks, (start, step, fov), stated)
 
 
-def odometry(words: list[str]) -> tuple[float, float, float, float]:
+def odometry(words: list[str]) -> tuple[float, float, float, float, float]:
     """Parse an ODOM line.
 
     Args:
         words: the line's words.
 
     Returns:
-        The robot's pose x, y, yaw, m and rad, and its time by the robot's clock, s.
+        The robot's pose x, y, yaw, m and rad, and its time by the robot's and the logger's clock,
+        s; NaN without the latter.
 
     Raises:
         ValueError: if the line is not valid.
@@ -167,7 +169,10 @@ def odometry(words: list[str]) -> tuple[float, float, float, float]:
     x, y, yaw, t_s = (float(words[k]) for k in (1, 2, 3, 7))
     if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(yaw)):
         raise ValueError("no pose")
-    return x, y, yaw, t_s
+    logger_t_s = math.nan
+    with suppress(ValueError, IndexError):
+        logger_t_s = float(words[9])
+    return x, y, yaw, t_s, logger_t_s
 
 
 def _count(word: str) -> int:

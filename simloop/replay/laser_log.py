@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from simloop.messages import FloatArray
 from simloop.replay.clocks import choose_times
 from simloop.replay.no_return import Ranges, longest_hit_m
+from simloop.replay.odometry import Odometry
 from simloop.replay.unused import Unused
 
 MOST_OFFSET_M = 10.0
@@ -40,6 +41,9 @@ class LaserLog:
         measured: whether ``t_s`` comes from a clock of the log.
         stated_range_m: the laser's maximum range by the log; inf if it states none.
         notes: what was left out or assumed, one sentence each.
+        reference: (n, 3) base_link by another SLAM, m, m, rad, NaN where it has no pose; None if
+            there is none. It is not the truth.
+        odometry: all odometry lines; None if the log has the scans' poses only.
     """
 
     t_s: FloatArray
@@ -53,6 +57,8 @@ class LaserLog:
     measured: bool = True
     stated_range_m: float = math.inf
     notes: tuple[str, ...] = ()
+    reference: FloatArray | None = None
+    odometry: Odometry | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,6 +71,9 @@ class RawScans:
         clocks_s: one or more clocks (n,), the preferred one first; they may be wrong.
         places: (n,) the scans' numbers or lines in the file.
         place: what ``places`` counts, e.g. ``line``.
+        reference: (n, 3) poses by another SLAM; not finite where it has none. None if there is no
+            reference.
+        odometry: all odometry lines; None if there are none.
     """
 
     ranges_m: Ranges
@@ -72,6 +81,8 @@ class RawScans:
     clocks_s: tuple[FloatArray, ...]
     places: Sequence[int]
     place: str
+    reference: FloatArray | None = None
+    odometry: Odometry | None = None
 
 
 def clean_log(
@@ -116,6 +127,7 @@ def clean_log(
     ranges[~((ranges > 0.0) & (ranges <= _MOST_RANGE_M))] = np.inf  # also NaN
     times = choose_times(clocks)
     said = [*unused.notes(total), *notes, *([times.note] if times.note else [])]
+    reference = None if raw.reference is None else _known_poses(raw.reference[keep], said)
     return LaserLog(
         times.t_s,
         ranges,
@@ -128,6 +140,8 @@ def clean_log(
         times.measured,
         stated_range_m,
         tuple(said),
+        reference,
+        raw.odometry,
     )
 
 
@@ -139,6 +153,16 @@ def _plausible(odom: FloatArray) -> NDArray[np.bool_]:
         middle = np.median(odom[good, :2], axis=0)
         good[good] = np.abs(odom[good, :2] - middle).max(axis=1) <= _MOST_WAY_M
     return good
+
+
+def _known_poses(reference: FloatArray, said: list[str]) -> FloatArray | None:
+    """Return the poses, NaN where they are not plausible, and add a note on these."""
+    most = np.array([_MOST_XY_M, _MOST_XY_M, _MOST_YAW_RAD])
+    good = np.asarray((np.abs(reference) <= most).all(axis=1))  # False for NaN
+    if not good.all():
+        lost = int(np.count_nonzero(~good))
+        said.append(f"{lost} of {len(good)} poses of the reference are not finite, or too large")
+    return np.where(good[:, None], reference, np.nan) if good.any() else None
 
 
 def usable_range_m(log: LaserLog) -> float:

@@ -20,9 +20,17 @@ from numpy.typing import NDArray
 
 from simloop.common.errors import InputError
 from simloop.common.input_files import open_regular
-from simloop.common.limits import LOG_BYTES, LOG_READINGS, LOG_SCANS, RELATIONS, check_limit
+from simloop.common.limits import (
+    LOG_BYTES,
+    LOG_ODOMETRY,
+    LOG_READINGS,
+    LOG_SCANS,
+    RELATIONS,
+    check_limit,
+)
 from simloop.replay.beams import beam_angles
 from simloop.replay.laser_log import MOST_OFFSET_M, LaserLog, RawScans, clean_log
+from simloop.replay.odometry import Odometry
 from simloop.replay.relations import IMPLAUSIBLE, first_implausible
 from simloop.replay.unused import Unused
 
@@ -30,6 +38,8 @@ _Numbers = NDArray[Any]
 _REQUIRED = ("scan_t_s", "scan_ranges_m", "scan_odom_xyyaw", "fov_deg")
 _RELATIONS = "relations_t1_t2_dx_dy_dyaw"
 _OFFSET = "laser_offset_x_m"
+_REFERENCE = "ref_gmapping_xyyaw"
+_ODOM_T, _ODOM = "odom_t_s", "odom_xyyaw"
 _MOST_NUMBERS = {
     "scan_t_s": LOG_SCANS,
     "scan_ranges_m": LOG_READINGS,
@@ -37,6 +47,9 @@ _MOST_NUMBERS = {
     "fov_deg": 1,
     _RELATIONS: 5 * RELATIONS,
     _OFFSET: 1,
+    _REFERENCE: 3 * LOG_SCANS,
+    _ODOM_T: LOG_ODOMETRY,
+    _ODOM: 3 * LOG_ODOMETRY,
 }
 _CHUNK = 1 << 20  # numbers that are read at once
 _END, _END_BYTES = b"PK\x05\x06", 22  # a zip file's last record
@@ -84,6 +97,17 @@ def read_npz(path: Path) -> LaserLog:
             f"{name}: {_OFFSET} {offset_m:g} must be a number from {-MOST_OFFSET_M:g} to "
             f"{MOST_OFFSET_M:g} m"
         )
+    relations = _relations(table, name)
+    # The file's offset goes from the laser to base_link. Odometry and relations are of base_link.
+    laser = np.array([-offset_m, 0.0, 0.0])
+    angles = beam_angles(ranges.shape[1], math.radians(fov_deg))
+    ranges, notes = ranges.astype(np.float32, copy=False), list[str]()
+    reference, odometry = _reference(table, name, scans), _odometry(table, name, notes)
+    raw = RawScans(ranges, odom, (t_s,), range(scans), "scan", reference, odometry)
+    return clean_log(raw, angles, laser, name, Unused(), relations, notes=notes)
+
+
+def _relations(table: dict[str, _Numbers], name: str) -> _Numbers | None:
     relations = table.get(_RELATIONS)
     if relations is not None:
         if relations.ndim != 2 or relations.shape[1] != 5:
@@ -91,11 +115,36 @@ def read_npz(path: Path) -> LaserLog:
         wrong = first_implausible(relations)
         if wrong is not None:
             raise InputError(f"{name}: {_RELATIONS}, row {wrong}: {IMPLAUSIBLE}")
-    # The file's offset goes from the laser to base_link. Odometry and relations are of base_link.
-    laser = np.array([-offset_m, 0.0, 0.0])
-    angles = beam_angles(ranges.shape[1], math.radians(fov_deg))
-    raw = RawScans(ranges.astype(np.float32, copy=False), odom, (t_s,), range(scans), "scan")
-    return clean_log(raw, angles, laser, name, Unused(), relations)
+    return relations
+
+
+def _reference(table: dict[str, _Numbers], name: str, scans: int) -> _Numbers | None:
+    reference = table.get(_REFERENCE)
+    if reference is not None and reference.shape != (scans, 3):
+        raise InputError(f"{name}: {_REFERENCE} {reference.shape} must be ({scans}, 3)")
+    return reference
+
+
+def _odometry(table: dict[str, _Numbers], name: str, notes: list[str]) -> Odometry | None:
+    """Return the odometry lines, and add a note on those that cannot be used."""
+    t_s, poses = table.get(_ODOM_T), table.get(_ODOM)
+    if t_s is None or poses is None:
+        if t_s is not None or poses is not None:
+            notes.append(f"of {_ODOM_T} and {_ODOM} only one is there; it is not used")
+        return None
+    if t_s.ndim != 1 or poses.shape != (len(t_s), 3):
+        raise InputError(
+            f"{name}: {_ODOM_T} {t_s.shape} and {_ODOM} {poses.shape} do not match; required: (m,) "
+            "and (m, 3)"
+        )
+    odometry = Odometry((t_s,), poses)
+    lost = len(t_s) - len(odometry.usable(0).t_s)
+    if lost:
+        notes.append(
+            f"{lost} of {len(t_s)} odometry lines are not used: the stamp does not rise, or the "
+            "pose is not finite"
+        )
+    return odometry
 
 
 def _number(table: dict[str, _Numbers], key: str, name: str) -> float:

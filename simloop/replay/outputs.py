@@ -23,7 +23,8 @@ from simloop.common.terminal import print_table
 from simloop.mapping.map_files import save_map
 from simloop.messages import FloatArray
 from simloop.replay.recording import record
-from simloop.replay.result import Replay
+from simloop.replay.report import page
+from simloop.replay.result import MEASURES, Replay, measure_lines
 from simloop.scenario.inputs import files_behind
 
 STDOUT = Path("-")
@@ -37,10 +38,12 @@ class ReplayFiles:
     Attributes:
         directory: directory of map, trajectory and recording; None to write none of them.
         figures: JSON file of the figures; ``STDOUT`` for the standard output; None to write none.
+        report: directory of the page; None to write none.
     """
 
     directory: Path | None
     figures: Path | None
+    report: Path | None = None
 
     def check(self, *read: Path | None) -> None:
         """Check before the replay that all files can be written.
@@ -49,7 +52,8 @@ class ReplayFiles:
             read: the input files; None is ignored.
 
         Raises:
-            InputError: if a file cannot be written, or would overwrite an input file.
+            InputError: if a file cannot be written, or would overwrite an input file, or if a
+                library for the page is missing.
         """
         plan = FilePlan()
         for path in read:
@@ -57,8 +61,11 @@ class ReplayFiles:
                 plan.reads_all(files_behind(path, f"an input file ({path})"))
         names = ("map.yaml", "map.pgm", "trajectory.tum", "replay.rrd")
         plan.writes_into(self.directory, "--out", names)
+        plan.writes_into(self.report, "--report", (page.PAGE,))
         plan.writes(None if self.figures == STDOUT else self.figures, "--json")
         plan.check()
+        if self.report is not None:
+            page.check()
 
     @property
     def map_file(self) -> Path:
@@ -96,18 +103,21 @@ def to_tum(t_s: FloatArray, poses: FloatArray) -> str:
     )
 
 
-def write(replay: Replay, files: ReplayFiles) -> None:
-    """Write map, trajectory and recording, if a directory is given: all of them, or none.
+def write(replay: Replay, files: ReplayFiles, name: str) -> None:
+    """Write the page, if its directory is given; and map, trajectory and recording: all, or none.
 
     Args:
         replay: the result.
         files: the output paths.
+        name: name of the log, for the page.
 
     Raises:
         InputError: if the directory cannot be created, another process writes there, or a file
             cannot be written.
         OSError: if the recording cannot be written.
     """
+    if files.report is not None:
+        page.write(files.report / page.PAGE, name, replay)
     if files.directory is None:
         return
     make_directory(files.directory)
@@ -137,7 +147,7 @@ def print_notes(console: Console, notes: Sequence[str]) -> None:
 
 
 def print_figures(console: Console, figures: dict[str, Any]) -> None:
-    """Print the figures as a table.
+    """Print the figures as a table, and below it what relations and reference measured.
 
     Args:
         console: the console to print to.
@@ -145,10 +155,8 @@ def print_figures(console: Console, figures: dict[str, Any]) -> None:
     """
     rows = []
     for key, value in figures.items():
-        if key in ("versions", "stages", "notes", "worthless"):
+        if key in ("versions", "stages", "notes", "worthless", *MEASURES):
             continue
-        parts = value.items() if isinstance(value, dict) else [("", value)]
-        for name, part in parts:
-            text = f"{part:.4g}" if isinstance(part, float) else str(part)
-            rows.append([f"{key}.{name}".rstrip("."), text])
+        rows.append([key, f"{value:.4g}" if isinstance(value, float) else str(value)])
     print_table(console, "replay", ["figure", "value"], rows)
+    print_notes(console, measure_lines(figures))

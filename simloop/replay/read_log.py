@@ -25,6 +25,10 @@ from simloop.replay.npz_log import read_npz
 
 _CARMEN_SUFFIXES = (".log", ".clf", ".carmen", ".txt")
 _GZIP, _MAGIC = ".gz", b"\x1f\x8b"
+
+LOG_SUFFIXES = (".npz", *_CARMEN_SUFFIXES, *(suffix + _GZIP for suffix in _CARMEN_SUFFIXES))
+"""Endings of the names of logs."""
+
 _FREE_BYTES = 2**22  # a packed log may unpack to so much whatever its file's size
 
 
@@ -45,10 +49,9 @@ def read_log(path: Path) -> LaserLog:
         return read_npz(path)
     if suffixes[-1:] == [_GZIP]:
         suffixes.pop()
-    if not suffixes or suffixes[-1] not in _CARMEN_SUFFIXES:
-        known = ", ".join((".npz", *_CARMEN_SUFFIXES, *(s + _GZIP for s in _CARMEN_SUFFIXES)))
-        if path.exists():
-            raise InputError(f"{path}: not a log; its suffix must be one of {known}")
+    if (not suffixes or suffixes[-1] not in _CARMEN_SUFFIXES) and path.exists():
+        known = ", ".join(LOG_SUFFIXES)
+        raise InputError(f"{path}: not a log; its suffix must be one of {known}")
     with open_regular(path) as file:
         lines = _Lines(file, str(path))
         try:

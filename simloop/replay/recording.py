@@ -1,25 +1,36 @@
-"""Record a replay for the rerun viewer: map, scans, and the paths by mapper and by odometry."""
+"""Record a replay for the rerun viewer: map, scans, paths, and the errors over time."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from simloop.evaluation.trajectories import absolute_errors, aligned, in_both
 from simloop.messages import FloatArray
+from simloop.recording.blueprint import arrange, make_plot, make_scene
 from simloop.recording.columns import lifted
 from simloop.recording.images import occupancy
+from simloop.recording.stream import TIMELINE, RecordingFile
 from simloop.replay.result import Replay
 
-_TIMELINE = "log_time"
+if TYPE_CHECKING:
+    import rerun.blueprint as rrb
+
 _BASE = "map/base_link"
-_COLOURS = {"mapper": [30, 106, 201], "odometry": [200, 170, 60], "closures": [160, 60, 168]}
+_COLOURS = {
+    "mapper": [30, 106, 201],
+    "odometry": [200, 170, 60],
+    "reference": [217, 119, 6],
+    "closures": [160, 60, 168],
+    "unfitted": [214, 48, 48],
+}
 
 
 def record(path: Path, replay: Replay) -> None:
-    """Write a recording of the whole replay.
+    """Write a recording of the whole replay. Its time begins at the first scan.
 
     Args:
         path: the file, ``.rrd``.
@@ -28,76 +39,111 @@ def record(path: Path, replay: Replay) -> None:
     Raises:
         OSError: if the file cannot be written.
     """
-    import rerun as rr
-
-    # Open the file here first: the library's own error is not an OSError and gives no reason.
-    with open(path, "ab"):
-        pass
-    stream = rr.RecordingStream("simloop_replay")
-    stream.set_log_time_enabled(False)
-    stream.set_log_tick_enabled(False)
+    file = RecordingFile(path, _blueprint(replay), "replay")
     try:
-        stream.save(path)
-    except RuntimeError as error:
-        raise OSError(f"cannot record to {path}: {error}") from None
-    stream.log("map", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    stream.log("map/occupancy", occupancy(replay.map, 0.0), static=True)
-    known = np.isfinite(replay.trajectory[:, 0])
-    poses, log = replay.trajectory[known], replay.log
-    times = log.t_s[: len(known)][known]
-    _log_path(stream, "mapper", poses[:, :2])
-    _log_path(stream, "odometry", log.odom[: len(known), :2])
+        _log_static(file, replay)
+        known = np.isfinite(replay.trajectory[:, 0])
+        if known.any():
+            _send_poses(file, _times_ns(replay)[known], replay.trajectory[known])
+        _send_scans(file, replay)
+        _send_plots(file, replay)
+        file.flush()
+        if not file.is_open:
+            raise OSError(f"cannot record to {path}: it is cut off")
+    except BaseException:
+        file.close(whole=False)
+        file.path.unlink(missing_ok=True)
+        raise
+    file.close()
+
+
+def _blueprint(replay: Replay) -> rrb.Blueprint:
+    """Arrange the map on the left, and the plots on the right."""
+    import rerun.blueprint as rrb
+
+    grid = replay.map
+    size = grid.resolution_m * np.array(grid.log_odds.shape[::-1])
+    bounds = np.concatenate([grid.origin_m, grid.origin_m + size])
+    plots = [make_plot("Time of a scan, ms", "scan_ms"), make_plot("Fits nowhere", "unfitted")]
+    if _compared(replay).any():
+        plots.insert(0, make_plot("Error to the reference, m", "error_reference"))
+    scene = make_scene(bounds, "Map, trajectory and scans")
+    return arrange(scene, rrb.Vertical(*plots), TIMELINE)
+
+
+def _log_static(file: RecordingFile, replay: Replay) -> None:
+    """Log what holds for the whole replay: the map, and the paths in it."""
+    rr = file.rr
+    file.log_static("map", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
+    file.log_static("map/occupancy", occupancy(replay.map, 0.0))
+    found, both = replay.trajectory, _compared(replay)
+    paths = {"mapper": found[np.isfinite(found[:, 0])], "odometry": replay.log.odom[: len(found)]}
+    if both.any():
+        assert replay.log.reference is not None
+        paths["reference"] = aligned(replay.log.reference[: len(found)][both], found[both])
+    for name, poses in paths.items():
+        _log_strips(file, f"map/trails/{name}", [poses[:, :2]], name, 0.02)
     if replay.closures:
-        _log_strips(stream, "map/closures", replay.closures, "closures", 0.01)
-    if len(poses):
-        _send_poses(stream, times, poses)
-    _send_scans(stream, replay)
-    stream.flush()
-    stream.disconnect()
-
-
-def _log_path(stream: Any, name: str, xy: FloatArray) -> None:
-    _log_strips(stream, f"map/trails/{name}", [xy], name, 0.02)
+        _log_strips(file, "map/closures", replay.closures, "closures", 0.01)
+    marked = found[list(replay.unfitted), :2]
+    marked = marked[np.isfinite(marked[:, 0])]
+    if len(marked):
+        points = rr.Points3D(lifted(marked, 0.03), colors=_COLOURS["unfitted"], radii=0.08)
+        file.log_static("map/unfitted", points)
 
 
 def _log_strips(
-    stream: Any, entity: str, strips: Sequence[FloatArray], name: str, r: float
+    file: RecordingFile, entity: str, strips: Sequence[FloatArray], name: str, r: float
 ) -> None:
-    import rerun as rr
-
     lines = [lifted(strip, 0.01) for strip in strips]
-    stream.log(entity, rr.LineStrips3D(lines, colors=_COLOURS[name], radii=r), static=True)
+    file.log_static(entity, file.rr.LineStrips3D(lines, colors=_COLOURS[name], radii=r))
 
 
-def _send_poses(stream: Any, t_s: FloatArray, poses: FloatArray) -> None:
-    import rerun as rr
-
+def _send_poses(file: RecordingFile, t_ns: Any, poses: FloatArray) -> None:
     half, zero = 0.5 * poses[:, 2], np.zeros(len(poses))
-    turns = np.stack([zero, zero, np.sin(half), np.cos(half)], axis=1)
-    columns = rr.Transform3D.columns(translation=lifted(poses[:, :2], 0.0), quaternion=turns)
-    stream.send_columns(_BASE, indexes=[_times(t_s)], columns=columns)
+    wxyz = np.stack([np.cos(half), zero, zero, np.sin(half)], axis=1)
+    file.send_transforms(_BASE, t_ns, lifted(poses[:, :2], 0.0), wxyz)
 
 
-def _send_scans(stream: Any, replay: Replay) -> None:
+def _send_scans(file: RecordingFile, replay: Replay) -> None:
     """Log the keyframes' scans, in base_link."""
-    import rerun as rr
-
-    rows = replay.keyframe_points
-    if not rows:
+    if not replay.keyframe_points:
         return
-    columns = rr.Points3D.columns(positions=lifted(np.concatenate(rows), 0.02))
-    stream.log(
-        f"{_BASE}/scan", rr.Points3D.from_fields(colors=[214, 48, 48], radii=0.02), static=True
-    )
-    times = replay.log.t_s[list(replay.keyframes)]
-    stream.send_columns(
-        f"{_BASE}/scan",
-        indexes=[_times(times)],
-        columns=columns.partition([len(row) for row in rows]),
-    )
+    look = file.rr.Points3D.from_fields(colors=[214, 48, 48], radii=0.02)
+    file.log_static(f"{_BASE}/scan", look)
+    t_ns = _times_ns(replay)[list(replay.keyframes)]
+    file.send_points(f"{_BASE}/scan", t_ns, replay.keyframe_points, 0.02)
 
 
-def _times(t_s: FloatArray) -> Any:
-    import rerun as rr
+def _send_plots(file: RecordingFile, replay: Replay) -> None:
+    """Log what changes from scan to scan."""
+    t_ns, both = _times_ns(replay), _compared(replay)
+    if both.any():
+        assert replay.log.reference is not None
+        count = len(replay.trajectory)
+        reference = replay.log.reference[:count][both]
+        for name, poses in (("mapper", replay.trajectory), ("odometry", replay.log.odom[:count])):
+            errors = absolute_errors(reference, poses[both])
+            entity = f"error_reference/{name}"
+            look = file.rr.SeriesLines(names=name, colors=_COLOURS[name])
+            file.log_static(f"plots/{entity}", look)
+            file.send_scalars(entity, t_ns[both], errors)
+    unfitted = np.zeros(len(t_ns))
+    unfitted[list(replay.unfitted)] = 1.0
+    file.send_scalars("unfitted", t_ns, unfitted)
+    file.send_scalars("scan_ms", t_ns, replay.scan_ms)
 
-    return rr.TimeColumn(_TIMELINE, duration=t_s - t_s[0])
+
+def _compared(replay: Replay) -> Any:
+    """Return (n,) whether a scan's pose is compared with a reference; nowhere if only one is."""
+    count, reference = len(replay.trajectory), replay.log.reference
+    if reference is None:
+        return np.zeros(count, np.bool_)
+    both = in_both(reference[:count], replay.trajectory)
+    return both & (np.count_nonzero(both) > 1)
+
+
+def _times_ns(replay: Replay) -> Any:
+    """Return (n,) the time since the first scan, ns."""
+    t_s = replay.log.t_s[: len(replay.trajectory)]
+    return np.round(1e9 * (t_s - t_s[0])).astype(np.int64)

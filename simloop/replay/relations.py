@@ -9,6 +9,7 @@ rotations, are averaged over all relations.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,13 +18,10 @@ import numpy as np
 from simloop.common.errors import InputError
 from simloop.common.input_files import read_text
 from simloop.common.limits import RELATIONS, check_limit
-from simloop.geometry.se2 import wrap_angles
+from simloop.geometry.se2 import between_all, wrap_angles
 from simloop.messages import FloatArray
 from simloop.replay.laser_log import LaserLog
-
-MOST_GAP_S = 1.0
-"""Poses are interpolated only between scans that are at most this far apart in time, s."""
-
+from simloop.replay.odometry import IN_GAP, LOST, MEASURED, OUTSIDE, OdometryTrack, carry
 
 IMPLAUSIBLE = (
     "numbers must be finite, times within 1e12 s, places within 1e8 m, turns within 1e6 rad"
@@ -33,31 +31,40 @@ IMPLAUSIBLE = (
 _MOST = np.array([1e12, 1e12, 1e8, 1e8, 1e6])  # of t1, t2, dx, dy, dyaw
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class RelationErrors:
     """Errors of a trajectory, measured by relations.
 
     Attributes:
-        translation_mean_m: mean length of the errors' translations.
+        translation_mean_m: mean length of the errors' translations; None if no relation is used.
         translation_std_m: standard deviation of these lengths.
         rotation_mean_deg: mean size of the errors' rotations, degrees.
         count: number of relations used.
-        left_out: number of relations in a gap of the log, or outside its time.
+        in_gaps: number of relations left out because the odometry has a gap there.
+        outside: number of relations left out because they lie outside the times.
+        lost: number of relations left out because the robot was lost there.
+        t_s: (count,) first time of each relation used, s.
+        off_m: (count,) length of the translation of its error, m.
     """
 
-    translation_mean_m: float
-    translation_std_m: float
-    rotation_mean_deg: float
+    translation_mean_m: float | None
+    translation_std_m: float | None
+    rotation_mean_deg: float | None
     count: int
-    left_out: int
+    in_gaps: int
+    outside: int
+    lost: int
+    t_s: FloatArray
+    off_m: FloatArray
 
-    def figures(self) -> dict[str, float | int]:
-        """Return the values by name, for the JSON.
+    def figures(self) -> dict[str, float | int | None]:
+        """Return the values by name, for the JSON; ``left_out`` is the number of all left out.
 
         Returns:
             Name to value.
         """
-        return {name: getattr(self, name) for name in self.__slots__}
+        named = {name: getattr(self, name) for name in self.__slots__[:7]}
+        return {**named, "left_out": self.in_gaps + self.outside + self.lost}
 
 
 def read_relations(path: Path) -> FloatArray:
@@ -115,87 +122,93 @@ def first_implausible(relations: FloatArray) -> int | None:
     return None if good.all() else int(np.argmin(good))
 
 
-def times_on_relations_clock(log: LaserLog, relations: FloatArray) -> FloatArray:
-    """Choose the clock of the log by which the relations were recorded.
+def clock_of(log: LaserLog, times_s: FloatArray) -> int:
+    """Choose the clock of the log by which other data were recorded.
 
     Args:
         log: a log with one or more clocks.
-        relations: (m, 5) as from ``read_relations``.
+        times_s: times of the data, any shape, s.
 
     Returns:
-        (n,) the scans' times, s, by the clock whose span contains most of the relations' times;
-        NaN where this clock does not rise.
+        Index of the clock whose span contains most of the times.
     """
 
     def count_within(clock: FloatArray) -> int:
-        known, times = clock[np.isfinite(clock)], relations[:, :2]
+        known = clock[np.isfinite(clock)]
         if not len(known):
             return -1
-        return int(np.count_nonzero((times >= known[0]) & (times <= known[-1])))
+        return int(np.count_nonzero((times_s >= known[0]) & (times_s <= known[-1])))
 
-    return max(log.clocks_s or (log.t_s,), key=count_within)
-
-
-def interpolate_poses(t_s: FloatArray, poses: FloatArray, when_s: FloatArray) -> FloatArray:
-    """Interpolate a trajectory, linearly in x and y and over the shorter turn in yaw.
-
-    Args:
-        t_s: (n,) times of the poses, rising, s.
-        poses: (n, 3) poses x, y, yaw, m, m, rad.
-        when_s: (m,) times to interpolate at, s.
-
-    Returns:
-        (m, 3) poses; NaN in a gap longer than ``MOST_GAP_S`` and outside the trajectory. At the
-        exact time of a pose the result is that pose, even beside a gap.
-    """
-    after = np.clip(np.searchsorted(t_s, when_s, side="left"), 0, len(t_s) - 1)
-    exact = t_s[after] == when_s
-    before = np.where(exact, after, after - 1)
-    inside = exact | ((when_s > t_s[0]) & (when_s < t_s[-1]))
-    before = np.maximum(before, 0)
-    span = t_s[after] - t_s[before]
-    known = inside & (span <= MOST_GAP_S)
-    share = np.where(span > 0.0, (when_s - t_s[before]) / np.where(span > 0.0, span, 1.0), 0.0)
-    step = poses[after] - poses[before]
-    step[:, 2] = wrap_angles(step[:, 2])
-    out = poses[before] + share[:, None] * step
-    out[:, 2] = wrap_angles(out[:, 2])
-    out[~known] = np.nan
-    return out
+    counts = [count_within(clock) for clock in log.clocks_s]
+    return counts.index(max(counts)) if counts else 0
 
 
-def relation_errors(t_s: FloatArray, poses: FloatArray, relations: FloatArray) -> RelationErrors:
-    """Measure a trajectory by relations.
+def measure_relations(log: LaserLog, poses: FloatArray, relations: FloatArray) -> RelationErrors:
+    """Measure a trajectory by relations. Poses between two scans are carried by odometry.
 
     Args:
-        t_s: (n,) times, rising, on the relations' clock; NaN where unknown.
-        poses: (n, 3) base_link at these times, in any fixed frame; NaN where unknown.
+        log: the log.
+        poses: (n, 3) base_link at the log's first n scans, in any fixed frame; NaN where unknown.
         relations: (m, 5) as from ``read_relations``.
 
     Returns:
         The errors.
 
     Raises:
-        InputError: if no relation lies within the trajectory.
+        InputError: if the log has no clock, or if all relations lie outside the log's times.
+    """
+    clock = clock_of(log, relations[:, :2])
+    t_s = (log.clocks_s or (log.t_s,))[clock]
+    known = np.isfinite(t_s)
+    tracks = [OdometryTrack(t_s[known], log.odom[known])]
+    if log.odometry is not None:
+        tracks.insert(0, log.odometry.usable(clock))
+    return relation_errors(t_s[: len(poses)], poses, relations, tracks)
+
+
+def relation_errors(
+    t_s: FloatArray,
+    poses: FloatArray,
+    relations: FloatArray,
+    tracks: Sequence[OdometryTrack] = (),
+) -> RelationErrors:
+    """Measure a trajectory by relations.
+
+    Args:
+        t_s: (n,) times, rising, on the relations' clock; NaN where unknown.
+        poses: (n, 3) base_link at these times, in any fixed frame; NaN where unknown.
+        relations: (m, 5) as from ``read_relations``.
+        tracks: odometry on the same clock, as in ``carry``; none: the poses are interpolated.
+
+    Returns:
+        The errors.
+
+    Raises:
+        InputError: if no time is known, or if all relations lie outside the times.
     """
     known = np.isfinite(t_s)
     if not known.any():
         raise InputError("the log has no clock that rises, so relations cannot be placed in it")
     t_s, poses = t_s[known], poses[known]
-    first, second = (interpolate_poses(t_s, poses, relations[:, k]) for k in (0, 1))
-    cos, sin = np.cos(first[:, 2]), np.sin(first[:, 2])
-    dx, dy = (second - first)[:, :2].T
-    # The estimated translation in the frame of the first pose, minus the true one.
-    off = np.hypot(cos * dx + sin * dy - relations[:, 2], cos * dy - sin * dx - relations[:, 3])
-    known = np.isfinite(off)
-    count = int(np.count_nonzero(known))
-    if count == 0:
+    tracks = tracks or (OdometryTrack(t_s, poses),)
+    first, second = (carry(t_s, poses, tracks, relations[:, k]) for k in (0, 1))
+    # MEASURED is the least: if one of the two poses is missing, its reason counts.
+    why = np.where(first[1] == MEASURED, second[1], first[1])
+    if (why == OUTSIDE).all():
         raise InputError("no relation lies within the log's times; do they belong to another log?")
-    turned = wrap_angles(second[known, 2] - first[known, 2] - relations[known, 4])
+    used = why == MEASURED
+    motion, true = between_all(first[0][used], second[0][used]), relations[used, 2:]
+    off = np.hypot(*(motion - true)[:, :2].T)
+    turned = np.abs(wrap_angles(motion[:, 2] - true[:, 2]))
+    some = bool(used.any())
     return RelationErrors(
-        float(off[known].mean()),
-        float(off[known].std()),
-        math.degrees(float(np.abs(turned).mean())),
-        count,
-        len(relations) - count,
+        float(off.mean()) if some else None,
+        float(off.std()) if some else None,
+        math.degrees(float(turned.mean())) if some else None,
+        count=int(np.count_nonzero(used)),
+        in_gaps=int(np.count_nonzero(why == IN_GAP)),
+        outside=int(np.count_nonzero(why == OUTSIDE)),
+        lost=int(np.count_nonzero(why == LOST)),
+        t_s=relations[used, 0],
+        off_m=off,
     )

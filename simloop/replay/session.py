@@ -12,8 +12,9 @@ import numpy as np
 
 from simloop.common.compile_listener import Report, silent
 from simloop.common.errors import InputError
-from simloop.common.profiler import Profiler
+from simloop.common.profiler import Profiler, peak_memory_mb
 from simloop.evaluation.provenance import versions
+from simloop.evaluation.trajectories import check_evo, compare
 from simloop.geometry.se2 import transform_points
 from simloop.graph_slam.map_localiser import MapLocaliser
 from simloop.graph_slam.mapper import GraphMapper
@@ -25,34 +26,40 @@ from simloop.mapping.map_files import load_map
 from simloop.messages import FloatArray
 from simloop.replay.laser_log import LaserLog, ScanReader
 from simloop.replay.read_log import read_log
-from simloop.replay.relations import (
-    read_relations,
-    relation_errors,
-    times_on_relations_clock,
-)
+from simloop.replay.reference import with_reference
+from simloop.replay.relations import RelationErrors, measure_relations, read_relations
 from simloop.replay.result import Replay
 
 _FINEST_M, _COARSEST_M = 0.005, 1.0  # cells of a map that a scan is searched in
 _MOST_FAILED = 0.5  # a result is worthless if more of the scans failed
 
 
-def load(log: Path, relations: Path | None) -> tuple[LaserLog, FloatArray | None]:
-    """Read a log, and the relations that measure its trajectory.
+def load(
+    log: Path, relations: Path | None, reference: Path | None = None
+) -> tuple[LaserLog, FloatArray | None]:
+    """Read a log, and the relations and the reference that measure its trajectory.
 
     Args:
         log: the log's file.
         relations: a file of relations; None for the relations in the log's own file, if any.
+        reference: a TUM file; None for the reference in the log's own file, if any.
 
     Returns:
-        The log, and the relations (m, 5) or None.
+        The log with the reference, and the relations (m, 5) or None.
 
     Raises:
-        InputError: if a file cannot be read, or if the relations do not belong to the log.
+        InputError: if a file cannot be read, if relations or reference do not belong to the log,
+            or if evo is needed and not installed.
     """
     read = read_log(log)
     given = read_relations(relations) if relations is not None else read.relations
-    if given is not None:  # tell it now, not after the replay
-        relation_errors(times_on_relations_clock(read, given), read.odom, given)
+    # Tell what is wrong now, not after the replay.
+    if given is not None:
+        measure_relations(read, read.odom, given)
+    if reference is not None:
+        read = with_reference(read, reference)
+    if read.reference is not None:
+        check_evo("a reference")
     return read, given
 
 
@@ -80,7 +87,7 @@ def load_prior(path: Path, config: MappingConfig) -> GridMap:
 
 def measure(
     log: LaserLog, poses: FloatArray, relations: FloatArray | None
-) -> dict[str, float | int] | None:
+) -> RelationErrors | None:
     """Measure a trajectory by relations.
 
     Args:
@@ -89,15 +96,25 @@ def measure(
         relations: (m, 5) as from ``read_relations``; None if there are none.
 
     Returns:
-        The errors by name; None without relations, or if none lies within these poses.
+        The errors; None without relations, or if none lies within these poses.
     """
     if relations is None:
         return None
-    clock = times_on_relations_clock(log, relations)[: len(poses)]
     try:
-        return relation_errors(clock, poses, relations).figures()
-    except InputError:  # the replay was stopped early, or the robot was lost everywhere
+        return measure_relations(log, poses, relations)
+    except InputError:  # the replay was stopped early
         return None
+
+
+def _judged(log: LaserLog, poses: FloatArray, relations: FloatArray | None) -> dict[str, Any]:
+    """Return the errors of the trajectory and of the odometry, by relations and reference."""
+    figures: dict[str, Any] = {}
+    for name, some in (("", poses), ("odometry_only", log.odom[: len(poses)])):
+        errors = measure(log, some, relations)
+        figures[name or "relations"] = errors and errors.figures()
+        compared = None if log.reference is None else compare(log.reference[: len(some)], some)
+        figures[f"{name}_reference".lstrip("_")] = compared and compared.figures()
+    return figures
 
 
 def run(
@@ -149,15 +166,17 @@ def run(
         **_percentiles("match_ms", np.array(profiler.stage("match").milliseconds)),
         "lines_skipped": log.skipped,
         **result,
-        "relations": measure(log, poses, relations),
-        "odometry_only": measure(log, log.odom[:count], relations),
+        **_judged(log, poses, relations),
+        "peak_memory_mb": peak_memory_mb(),
         "worthless": worthless,
         "notes": [*log.notes, *reader.notes, *task.notes()],
         "stages": profiler.summary(wall_s),
         "versions": versions(),
     }
-    return Replay(log, poses, task.keyframes, task.keyframe_points, task.closures,
-                  task.map, figures)  # fmt: skip
+    return Replay(
+        log, poses, task.keyframes, task.keyframe_points, task.closures, task.map, figures,
+        relations, task.unfitted, 1e3 * np.array(each), config.range_max_m,
+    )  # fmt: skip
 
 
 def judge(scans: int, figures: dict[str, Any]) -> str | None:
@@ -186,11 +205,15 @@ class _Mapping:
         self._mapper = GraphMapper(config, profiler)
         self._blind = 0
         self.keyframes: list[int] = []
+        self.unfitted: list[int] = []
 
     def step(self, scan: int, points: FloatArray, origins: FloatArray, odom: FloatArray) -> None:
         self._blind += len(points) < LEAST_POINTS
+        before = self._mapper.unmatched
         if self._mapper.step(points, origins, odom):
             self.keyframes.append(scan)
+        if self._mapper.unmatched > before:
+            self.unfitted.append(scan)
 
     def finish(self) -> FloatArray:
         self._mapper.finish()
@@ -248,6 +271,7 @@ class _Tracking:
         self._blind = 0
         self.keyframes: list[int] = []
         self.keyframe_points: list[FloatArray] = []
+        self.unfitted: list[int] = []
 
     def step(self, scan: int, points: FloatArray, origins: FloatArray, odom: FloatArray) -> None:
         self._blind += len(points) < LEAST_POINTS
@@ -257,6 +281,8 @@ class _Tracking:
         if found:
             self.keyframes.append(scan)
             self.keyframe_points.append(points)
+        else:
+            self.unfitted.append(scan)
 
     def finish(self) -> FloatArray:
         return np.array(self._poses)

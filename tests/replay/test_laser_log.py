@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from simloop.common.errors import InputError
 from simloop.replay.clocks import choose_times, rising_part
 from simloop.replay.laser_log import LaserLog, RawScans, ScanReader, clean_log, usable_range_m
-from simloop.replay.relations import relation_errors, times_on_relations_clock
+from simloop.replay.relations import clock_of, measure_relations
 from simloop.replay.unused import Unused
 
 times = st.one_of(
@@ -79,19 +79,19 @@ def test_the_clock_that_rises_gives_the_times(stamps, logger, expected, note):
 
 def test_the_clock_in_which_most_relations_lie_is_taken():
     log = log_of([0.0, 1.0, 2.0], clocks=[[100.0, 101.0, 102.0]])
-    late = np.array([[100.5, 101.5, 0.0, 0.0, 0.0], [101.0, 102.0, 0.0, 0.0, 0.0]])
-    assert times_on_relations_clock(log, late).tolist() == [100.0, 101.0, 102.0]
-    assert times_on_relations_clock(log, late - [100.0, 100.0, 0, 0, 0]).tolist() == [0.0, 1.0, 2.0]
+    late = np.array([[100.5, 101.5], [101.0, 102.0]])
+    assert log.clocks_s[clock_of(log, late)].tolist() == [100.0, 101.0, 102.0]
+    assert log.clocks_s[clock_of(log, late - 100.0)].tolist() == [0.0, 1.0, 2.0]
     # A clock counts only where it rises.
     stuck = log_of([0.0, 1.0, 2.0], clocks=[[100.0, 100.0, 102.0]])
-    np.testing.assert_equal(times_on_relations_clock(stuck, late), [100.0, math.nan, 102.0])
+    np.testing.assert_equal(stuck.clocks_s[clock_of(stuck, late)], [100.0, math.nan, 102.0])
 
 
 def test_relations_need_a_clock():
     log = log_of([math.nan] * 3)
     rows = np.array([[0.0, 1.0, 0.0, 0.0, 0.0]])
     with pytest.raises(InputError, match="no clock that rises"):
-        relation_errors(times_on_relations_clock(log, rows), log.odom, rows)
+        measure_relations(log, log.odom, rows)
 
 
 # ---- poses

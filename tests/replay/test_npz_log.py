@@ -23,6 +23,9 @@ def table(n=4, beams=181):
         "scan_odom_xyyaw": np.zeros((n, 3)),
         "fov_deg": np.float64(180.0),
         "laser_offset_x_m": 0.04,
+        "ref_gmapping_xyyaw": np.zeros((n, 3)),
+        "odom_t_s": np.arange(9.0),
+        "odom_xyyaw": np.zeros((9, 3)),
     }
 
 
@@ -84,6 +87,10 @@ def test_every_kind_of_numbers_is_read(tmp_path, order, kind):
         ("laser_offset_x_m", np.float64(1e300), "laser_offset_x_m"),
         ("laser_offset_x_m", np.float64(math.nan), "laser_offset_x_m"),
         ("laser_offset_x_m", np.float64(-10.5), "laser_offset_x_m"),
+        ("ref_gmapping_xyyaw", np.zeros((3, 3)), "ref_gmapping_xyyaw"),
+        ("ref_gmapping_xyyaw", np.zeros((4, 2)), "ref_gmapping_xyyaw"),
+        ("odom_xyyaw", np.zeros((8, 3)), "odom_xyyaw"),
+        ("odom_t_s", np.zeros((9, 1)), "odom_t_s"),
         ("relations_t1_t2_dx_dy_dyaw", np.ones((2, 4)), "relations"),
         ("relations_t1_t2_dx_dy_dyaw", np.full((2, 5), math.inf), "row 0"),
         ("relations_t1_t2_dx_dy_dyaw", np.full((2, 5), 1e300), "row 0"),
@@ -108,10 +115,22 @@ def test_arrays_that_are_wrong_are_named(tmp_path, key, value, word):
         ("scan_t_s", f"({2**63},)", "<f8", "are allowed"),
         ("fov_deg", "(9, 9)", "<f8", "are allowed"),
         ("relations_t1_t2_dx_dy_dyaw", "(99999999, 5)", "<f8", "are allowed"),
+        ("ref_gmapping_xyyaw", "(99999999, 3)", "<f8", "are allowed"),
+        ("odom_t_s", "(99999999,)", "<f8", "are allowed"),
     ],
 )
 def test_a_header_that_lies_takes_no_memory(tmp_path, key, shape, descr, word):
     assert word in refused(write(tmp_path / "x.npz", {key: member(shape, descr, b"\0" * 8)}))
+
+
+def test_odometry_lines_that_cannot_be_used_are_told(tmp_path):
+    path = write(tmp_path / "x.npz", {"odom_t_s": np.array([0, 1, 2, 1, 4, np.nan, 6, 7, 8.0])})
+    log = read_log(path)
+    assert "2 of 9 odometry lines are not used" in log.notes[0]
+    assert len(log.odometry.usable(0).t_s) == 7
+    log = read_log(write(tmp_path / "x.npz", {"odom_t_s": None}))
+    assert log.odometry is None and "only one is there" in log.notes[0]
+    assert not read_log(write(tmp_path / "x.npz", {"odom_t_s": None, "odom_xyyaw": None})).notes
 
 
 def test_a_file_that_unpacks_to_more_than_is_allowed_is_not_unpacked(tmp_path):

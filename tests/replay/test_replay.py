@@ -10,55 +10,20 @@ import sys
 import numpy as np
 import pytest
 from helpers.relations import format_relations
-from helpers.rooms import Room, box
+from helpers.replay_logs import made_up_log, relations_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simloop.common.errors import InputError
-from simloop.geometry.se2 import between, compose
+from simloop.geometry.se2 import between
 from simloop.graph_slam.settings import MappingConfig
 from simloop.mapping.map_files import load_map
 from simloop.replay.carmen import parse_carmen
 from simloop.replay.laser_log import ScanReader, usable_range_m
 from simloop.replay.read_log import read_log
-from simloop.replay.relations import (
-    interpolate_poses,
-    read_relations,
-    relation_errors,
-)
+from simloop.replay.relations import read_relations, relation_errors
 
 seeds = st.integers(0, 2**32 - 1)
-ROOM = Room(*box(-3, -2.5, 4, 3), *box(1.0, 1.2, 1.6, 2.0), *box(-2.0, -1.8, -1.5, -1.2))
-
-
-def flaser(ranges, laser, odom, t):
-    text = " ".join(f"{r:.3f}" for r in ranges)
-    poses = " ".join(f"{v:.6f}" for v in (*laser, *odom))
-    return f"FLASER {len(ranges)} {text} {poses} {t:.6f} host {t:.6f}"
-
-
-def made_up_log(n=90, beams=180):
-    """Once round a room on a ring of 1 m: lines of a CARMEN log, and the truth."""
-    rng = np.random.default_rng(3)
-    angle = np.linspace(0, 2 * math.pi, n)
-    truth = np.column_stack([np.cos(angle), np.sin(angle), angle + 0.5 * math.pi])
-    odom, lines = np.zeros(3), ["# made up", "PARAM robot_frontlaser_offset 0.1 0 host 0"]
-    for k, pose in enumerate(truth):
-        if k:
-            odom = compose(odom, between(truth[k - 1], pose) * [1.1, 1.0, 0.9])
-        laser = compose(pose, np.array([0.1, 0.0, 0.0]))
-        far = ROOM.ranges(laser)  # at -180, -179, ... degrees
-        ranges = far[90 : 90 + beams] + 0.01 * rng.standard_normal(beams)
-        ranges[~np.isfinite(ranges)] = 81.83
-        lines.append(flaser(ranges, compose(odom, np.array([0.1, 0, 0])), odom, 0.2 * k))
-    return lines, truth
-
-
-def relations_of(truth, rng, count=60):
-    pairs = np.sort(rng.integers(0, len(truth), (count, 2)), axis=1)
-    rows = [[0.2 * a, 0.2 * b, *between(truth[a], truth[b])] for a, b in pairs if a < b]
-    return np.array(rows)
-
 
 # ---- reading
 
@@ -135,15 +100,6 @@ def test_errors_are_those_of_the_motion_between_true_and_found(seed):
     assert found.translation_mean_m == pytest.approx(np.mean([e[0] for e in expected]))
     assert found.translation_std_m == pytest.approx(np.std([e[0] for e in expected]))
     assert found.rotation_mean_deg == pytest.approx(np.mean([e[1] for e in expected]))
-
-
-def test_poses_are_interpolated_across_short_gaps_only():
-    t = np.array([0.0, 0.5, 3.0])
-    poses = np.array([[0.0, 0, 3.1], [1.0, 0, -3.1], [9.0, 0, 0]])
-    found = interpolate_poses(t, poses, np.array([0.25, 0.5, 1.5, 3.0, -0.1, 3.1]))
-    np.testing.assert_allclose(found[0], [0.5, 0.0, math.pi], atol=1e-9)
-    np.testing.assert_allclose(found[[1, 3]], poses[[1, 2]], atol=1e-9)
-    assert np.isnan(found[[2, 4, 5]]).all()
 
 
 def test_relations_come_back_from_their_file(tmp_path):

@@ -16,6 +16,7 @@ from simloop.benchmarks.planners.page import check
 from simloop.benchmarks.planners.weights import PRINTED
 from simloop.campaign.work import Row
 from simloop.common.files import write_text
+from simloop.common.html_images import filled
 from simloop.config import PlannerConfig
 
 __all__ = ["check", "render", "write"]
@@ -58,26 +59,21 @@ def render(request: Drives, rows: Mapping[str, Row], figures: dict[str, Any]) ->
     Returns:
         HTML text.
     """
-    jinja2 = importlib.import_module("jinja2")
     charts = importlib.import_module("simloop.benchmarks.papers.drive_charts")
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters["figure"] = figure
     by_world = _rows_by_world(request, rows)
     every = [cell for cell in figures["cells"] if cell["group"] == EVERY]
-    text: str = environment.from_string(_TEMPLATE.read_text(encoding="utf-8")).render(
-        lead=LEAD,
-        figures=figures,
-        every=_by_world(every),
-        arrivals=charts.arrivals(every) if every else "",
-        drawings={
+    values = {
+        "lead": LEAD,
+        "figures": figures,
+        "every": _by_world(every),
+        "arrivals": charts.arrivals(every) if every else "",
+        "drawings": {
             world: charts.driven(world, mine, 6 if len(mine) > 6 else 3)
             for world, mine in by_world.items()
         },
-        papers=[_section(paper, figures, by_world) for paper in PAPERS],
-    )
-    return text
+        "papers": [_section(paper, figures, by_world) for paper in PAPERS],
+    }
+    return filled(_TEMPLATE, values, figure)
 
 
 def figure(value: Any, digits: int = 2) -> str:

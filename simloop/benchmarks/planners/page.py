@@ -13,8 +13,8 @@ from simloop.benchmarks.planners.bench_figures import rank
 from simloop.benchmarks.planners.paper_tables import PaperTable
 from simloop.benchmarks.planners.tasks import load_scene
 from simloop.benchmarks.planners.weights import PRINTED, study
-from simloop.common.errors import InputError
 from simloop.common.files import check_directory, write_text
+from simloop.common.html_images import check_libraries, filled
 from simloop.common.pool import local_workers, run_all
 
 _TEMPLATE = Path(__file__).with_name("page.html.j2")
@@ -30,13 +30,7 @@ def check(directory: Path) -> None:
         InputError: The directory cannot be used, or a library is not installed.
     """
     check_directory(directory, "--report")
-    for name in ("jinja2", "matplotlib", "sklearn"):
-        try:
-            importlib.import_module(name)
-        except ImportError:
-            raise InputError(
-                f"--report needs the library {name}: pip install 'simloop[report]'"
-            ) from None
+    check_libraries("--report", ("jinja2", "matplotlib", "sklearn"))
 
 
 def measure_tables(workers: int) -> list[PaperTable]:
@@ -95,12 +89,7 @@ def render(result: Result, figures: dict[str, Any], tables: list[PaperTable], we
     Returns:
         HTML text.
     """
-    jinja2 = importlib.import_module("jinja2")
     charts = importlib.import_module("simloop.benchmarks.planners.charts")
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters["figure"] = _figure
     pictures = {
         scene: {
             "paths": charts.paths(result, scene),
@@ -110,20 +99,20 @@ def render(result: Result, figures: dict[str, Any], tables: list[PaperTable], we
         for scene in result.scenes()
         if result.planners(scene)
     }
-    text: str = environment.from_string(_TEMPLATE.read_text()).render(
-        lead=LEAD,
-        figures=figures,
-        pictures=pictures,
-        ordered={
+    values = {
+        "lead": LEAD,
+        "figures": figures,
+        "pictures": pictures,
+        "ordered": {
             scene: sorted(named.items(), key=lambda item: rank(item[1]))
             for scene, named in figures["scenes"].items()
         },
-        tables=tables,
-        weights=weights,
-        weights_picture=charts.weights(weights),
-        printed=PRINTED,
-    )
-    return text
+        "tables": tables,
+        "weights": weights,
+        "weights_picture": charts.weights(weights),
+        "printed": PRINTED,
+    }
+    return filled(_TEMPLATE, values, _figure)
 
 
 def _figure(value: Any, digits: int = 3) -> str:
