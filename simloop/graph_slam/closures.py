@@ -18,7 +18,7 @@ import numpy as np
 
 from simloop.geometry.se2 import between, compose, transform_points, wrap_angle
 from simloop.graph_slam.pose_graph import Edge, PoseGraph, rotated_covariance
-from simloop.graph_slam.scan_tracker import match_covariance
+from simloop.graph_slam.scan_fit import match_covariance
 from simloop.graph_slam.settings import MappingConfig
 from simloop.graph_slam.submap import Submap, meetings
 from simloop.mapping.correlative import thinned
@@ -28,7 +28,11 @@ _THIN_M = 0.1  # at most one point of a cluster is kept in each square of this s
 _RIVAL_M, _RIVAL_RAD = 0.5, 0.35  # two matches farther apart than this are different places
 _AGREE_M, _AGREE_RAD = 0.3, 0.06  # two matches that differ by less confirm each other
 _MOST_CANDIDATES = 3  # most submaps that are searched for one keyframe
+_MOST_GRIDS = 8  # so many finished submaps keep their grids
 _FORGET_KEYFRAMES = 40  # an unconfirmed match is dropped after this many keyframes
+# Cluster and submap were joined along metres of the way, and are bent: their match is not better
+# known than this, however well it fits. Deviations of x, y, m, and yaw, rad.
+_BENT = np.diag(np.square([0.05, 0.05, 0.01]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,39 +59,61 @@ class ClosureFinder:
         """
         self._config, self._graph = config, graph
         self._waiting: list[Edge] = []
+        self._held: list[Submap] = []
         self.tried = 0
 
     def find(
-        self, submaps: list[Submap], points: list[FloatArray], local: list[FloatArray]
+        self,
+        submaps: list[Submap],
+        points: list[FloatArray],
+        local: list[FloatArray],
+        newest: int,
     ) -> list[Edge]:
-        """Search for closures of the newest keyframe.
+        """Search for closures of a keyframe, with the scans of the keyframes before it.
 
         Args:
             submaps: all submaps; only finished ones are searched.
             points: hits (n, 2) of each keyframe in its base_link, m.
             local: pose (3,) of each keyframe in the front end's frame.
+            newest: number of the keyframe; the cluster of scans ends with it.
 
         Returns:
-            The accepted closures, of the newest keyframe and of earlier ones that it confirms.
+            The accepted closures, of this keyframe and of earlier ones that it confirms.
         """
-        newest = len(local) - 1
         first = max(0, newest - self._config.cluster_keyframes + 1)
         # A submap that holds scans of the cluster would match these scans with themselves.
-        old = [s for s in submaps if s.finished and s.keyframes[-1] < first]
+        old = [
+            s
+            for s in submaps
+            if s.finished and (s.keyframes[-1] < first or s.keyframes[0] > newest)
+        ]
         if not old:
             return []
-        cluster = cluster_of(points[first:], local[first:], self._config.cluster_points)
+        cluster = cluster_of(
+            points[first : newest + 1], local[first : newest + 1], self._config.cluster_points
+        )
         if len(cluster) < 0.1 * self._config.cluster_points:
             return []
         place, yaw = self._graph.uncertainty(newest)
         accepted: list[Edge] = []
         for submap in self._candidates(old, newest, place):
             self.tried += 1
+            self.hold(submap)
             window = np.array([3.0 * place[submap.anchor], 3.0 * yaw[submap.anchor]])
             match = self._match(submap, newest, cluster, window)
             if match is not None:
                 accepted += self._confirm(match, local)
         return accepted
+
+    def hold(self, submap: Submap) -> None:
+        """Keep the grid of a finished submap, and forget the one that was not used for longest.
+
+        Args:
+            submap: the submap.
+        """
+        self._held = [other for other in self._held if other is not submap] + [submap]
+        while len(self._held) > _MOST_GRIDS:
+            self._held.pop(0).forget_grid()
 
     def _candidates(self, old: list[Submap], newest: int, place: FloatArray) -> list[Submap]:
         """Return the old submaps that may contain the newest keyframe, nearest first."""
@@ -110,7 +136,7 @@ class ClosureFinder:
         predicted = compose(submap.anchor_pose, between(poses[submap.anchor], poses[newest]))
         # Widen the window a little: cells have a size, and the variance may be nearly zero.
         window = np.minimum(
-            window + np.array([2.0 * config.grid.resolution_m, 0.03]),
+            window + np.array([2.0 * config.grid.resolution_m, 0.04]),
             (config.most_window_m, config.most_window_rad),
         )
         weights = 0.05 / window**2  # 5 % of the score at the edge: the nearest of equals wins
@@ -144,7 +170,7 @@ class ClosureFinder:
         self, submap: Submap, pose: FloatArray, information: FloatArray, residual: float
     ) -> FloatArray:
         """Return the covariance (3, 3) of a match, in the axes of the submap's anchor."""
-        covariance = match_covariance(information, residual, self._config)
+        covariance = match_covariance(information, residual, self._config) + _BENT
         return rotated_covariance(covariance, -submap.anchor_pose[2])
 
     def _confirm(self, match: _Match, local: list[FloatArray]) -> list[Edge]:

@@ -9,6 +9,7 @@ changes.
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 
@@ -16,7 +17,8 @@ from simloop.common.profiler import NullProfiler, Stopwatch
 from simloop.geometry.se2 import between, compose
 from simloop.graph_slam.closures import ClosureFinder
 from simloop.graph_slam.pose_graph import Edge, PoseGraph, rotated_covariance
-from simloop.graph_slam.scan_tracker import LEAST_POINTS, ScanTracker
+from simloop.graph_slam.scan_fit import LEAST_POINTS
+from simloop.graph_slam.scan_tracker import ScanTracker
 from simloop.graph_slam.settings import MappingConfig
 from simloop.graph_slam.submap import Submap
 from simloop.mapping.grid_map import GridMap
@@ -71,6 +73,7 @@ class GraphMapper:
         self._lost = 0
         self._fitted, self._missed = False, 0
         self._submap_ended = False
+        self._way_m = 0.0
 
     @property
     def pose(self) -> FloatArray:
@@ -122,10 +125,42 @@ class GraphMapper:
         return False
 
     def finish(self) -> None:
-        """Optimise the graph with all closures found so far."""
+        """Search once more where no closure was found, and optimise the graph.
+
+        The graph knows more now than when the robot was there, and the last submaps are complete.
+        """
+        self._optimise()
+        for submap in self._active:
+            self._complete(submap)
+        for number in self._unclosed():
+            with self._time["closures"]:
+                for edge in self.closures.find(self.submaps, self._points, self._locals, number):
+                    self.graph.add_edge(edge)
+        self._optimise()
+
+    def _optimise(self) -> None:
+        """Optimise the graph if there are new closures."""
         if self.graph.has_new_closures:
             with self._time["graph"]:
                 self.graph.optimise()
+
+    def _unclosed(self) -> list[int]:
+        """Return keyframes, `closure_m` apart, without a closure of them or their neighbours."""
+        near = self._config.cluster_keyframes // 2
+        closed = {
+            k
+            for edge in self.graph.edges
+            if edge.closure
+            for k in range(edge.second - near, edge.second + near + 1)
+        }
+        chosen, way = [], 0.0
+        for number in range(1, len(self._locals)):
+            way += _way(between(self._locals[number - 1], self._locals[number]))
+            if way >= self._config.closure_m:
+                way = 0.0
+                if number not in closed:
+                    chosen.append(number)
+        return chosen
 
     def map(self) -> GridMap:
         """Build the map from all keyframes at their present poses.
@@ -165,15 +200,17 @@ class GraphMapper:
             self._end_submaps()
         with self._time["insert"]:
             self._enter(number, points, origins)
-        if number % self._config.closure_every == 0:
+        self._way_m += _way(between(self._locals[-2], self._locals[-1])) if number else 0.0
+        if self._way_m >= self._config.closure_m:
+            self._way_m = 0.0
             with self._time["closures"]:
-                closures = self.closures.find(self.submaps, self._points, self._locals)
+                closures = self.closures.find(self.submaps, self._points, self._locals, number)
             for edge in closures:
                 self.graph.add_edge(edge)
             # Optimisation is slow: do it only after a submap has ended, or for several closures.
             if len(closures) > 1 or self._submap_ended:
                 self._submap_ended = False
-                self.finish()
+                self._optimise()
 
     def _join(self, local: FloatArray) -> int:
         """Add a keyframe to the graph and return its number.
@@ -194,21 +231,35 @@ class GraphMapper:
         """Add a keyframe to the active submaps, and start and finish submaps when due."""
         # Two overlapping submaps are active. The newer one is half full when the older one is
         # finished; from then on, scans are matched to the newer one.
-        half = self._config.submap_keyframes // 2
-        if not self._active or len(self._active[-1].keyframes) >= half:
+        if not self._active or self._way(self._active[-1], number) >= 0.5 * self._config.submap_m:
             self._active.append(Submap(self._config.grid, number, self._tracker.pose))
             self.submaps.append(self._active[-1])
         if len(self._active) > 2:
-            self._active.pop(0).finish()
+            self._complete(self._active.pop(0))
             self._submap_ended = True
         for submap in self._active:
             submap.add(number, points, origins, self._tracker.pose)
 
+    def _way(self, submap: Submap, number: int) -> float:
+        """Return how far the robot has gone and turned in a submap, see `_way`."""
+        poses = self._locals[submap.anchor : number + 1]
+        return sum(_way(between(a, b)) for a, b in pairwise(poses))
+
+    def _complete(self, submap: Submap) -> None:
+        """Finish a submap. From then on it is searched for closures."""
+        submap.finish()
+        self.closures.hold(submap)
+
     def _end_submaps(self) -> None:
         """Finish the active submaps, because the scans no longer fit them."""
         for submap in self._active:
-            submap.finish()
+            self._complete(submap)
         self._active = []
         # The next submap starts at the present pose, which has no error relative to itself.
         self._tracker.covariance = np.zeros((3, 3))
         self._submap_ended = True
+
+
+def _way(step: FloatArray) -> float:
+    """Return how far a step (3,) goes and turns, m; a radian counts as a metre."""
+    return math.hypot(step[0], step[1]) + abs(float(step[2]))

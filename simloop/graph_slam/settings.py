@@ -25,8 +25,10 @@ class MappingConfig:
         erring_alike: how many points of a scan share the error of the surface they meet.
         keyframe_m: distance from the last keyframe at which a scan becomes a keyframe.
         keyframe_rad: turn from the last keyframe at which a scan becomes a keyframe.
-        submap_keyframes: keyframes in a submap; the next submap begins halfway.
-        closure_every: closures are searched for at every n-th keyframe.
+        submap_m: way in a submap, m; a turn of a radian counts as 1 m. The next submap begins
+            halfway.
+        closure_m: closures are searched for after so long a way, m; a turn of a radian counts as
+            1 m.
         cluster_keyframes: number of keyframes whose scans are joined to search for a closure.
         cluster_points: about how many points such a cluster has.
         closure_least_score: least mean likelihood, 0 to 1, of a closure's points.
@@ -55,8 +57,8 @@ class MappingConfig:
     erring_alike: float = 7.5
     keyframe_m: float = 0.3
     keyframe_rad: float = 0.3
-    submap_keyframes: int = 40
-    closure_every: int = 3
+    submap_m: float = 24.0
+    closure_m: float = 0.9
     cluster_keyframes: int = 8
     cluster_points: int = 400
     closure_least_score: float = 0.45

@@ -9,6 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from simloop.config import SlamConfig
+from simloop.graph_slam.densify import densified
 from simloop.mapping.grid_map import GridMap
 from simloop.messages import FloatArray
 
@@ -21,8 +22,10 @@ class Submap:
     The submap moves with its first keyframe, the anchor: when the graph moves the anchor in map,
     the whole submap moves with it.
 
+    A finished submap may forget its grid, because the grids of a long way take gigabytes. It is
+    made again from the scans when it is needed.
+
     Attributes:
-        grid: the occupancy grid.
         anchor: number of the anchor.
         anchor_pose: (3,) base_link at the anchor, in the front end's frame.
         keyframes: numbers of all keyframes in the grid.
@@ -37,7 +40,9 @@ class Submap:
             anchor: number of the first keyframe.
             anchor_pose: (3,) its base_link in the front end's frame.
         """
-        self.grid = GridMap(config)
+        self._config = config
+        self._grid: GridMap | None = GridMap(config)
+        self._entered: list[tuple[FloatArray, FloatArray, FloatArray]] = []
         self.anchor, self.anchor_pose = anchor, np.array(anchor_pose, np.float64)
         self.keyframes: list[int] = []
         self.finished = False
@@ -52,12 +57,34 @@ class Submap:
             pose: (3,) base_link in the front end's frame.
         """
         self.keyframes.append(keyframe)
-        self.grid.insert(points, origins, pose)
+        self._entered.append((points, origins, pose.copy()))
+        _enter(self.grid, points, origins, pose)
+
+    @property
+    def grid(self) -> GridMap:
+        """The occupancy grid, in the front end's frame."""
+        if self._grid is None:
+            self._grid = GridMap(self._config)
+            for points, origins, pose in self._entered:
+                _enter(self._grid, points, origins, pose)
+            self._grid.renew_fields()
+        return self._grid
 
     def finish(self) -> None:
         """Mark the submap as complete, and prepare it for searches."""
         self.finished = True
         self.grid.renew_fields()
+
+    def forget_grid(self) -> None:
+        """Free the memory of the grid of a finished submap."""
+        if self.finished:
+            self._grid = None
+
+
+def _enter(grid: GridMap, points: FloatArray, origins: FloatArray, pose: FloatArray) -> None:
+    """Enter a scan, with the gaps between its hits filled."""
+    hits, starts = densified(points, origins, grid.resolution_m)
+    grid.insert(hits, starts, pose)
 
 
 def meetings(grid: GridMap, points: FloatArray, pose: FloatArray) -> tuple[float, float]:

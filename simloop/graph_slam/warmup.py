@@ -20,7 +20,7 @@ def warm_up(report: Report = silent) -> int:
     Returns:
         Number of kernels that were compiled.
     """
-    config = replace(MappingConfig(), submap_keyframes=2, cluster_keyframes=2, closure_every=1)
+    config = replace(MappingConfig(), submap_m=0.7, cluster_keyframes=2, closure_m=0.1)
     side = np.linspace(-2.0, 2.0, 60)
     end = np.full_like(side, 2.0)
     walls = np.concatenate(

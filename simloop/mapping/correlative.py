@@ -25,6 +25,8 @@ MID, TOP = 4, 16
 """Sides of the coarser fields' blocks, in cells."""
 
 _REACH = 3  # a surface raises the cells up to this many cells away
+_FINEST_TURN_RAD = 0.004  # smallest step of the headings in a search
+_COARSEST_TURN_RAD = 0.02  # largest step of the headings in a search
 Field = NDArray[np.uint8]
 
 
@@ -37,6 +39,7 @@ class SearchFields(NamedTuple):
         top: (rows / 16, cols / 16) maxima of ``fine``.
         corner: (2,) lower left corner of the first cell, m.
         resolution: Side of a cell of ``fine``, m.
+        outside: Likelihood outside the fields, 0 to 255.
     """
 
     fine: Field
@@ -44,6 +47,22 @@ class SearchFields(NamedTuple):
     top: Field
     corner: FloatArray
     resolution: float
+    outside: int = 0
+
+
+def heading_step(points: FloatArray, resolution: float) -> float:
+    """Choose the step of the headings in a search: it moves the far points by about a cell.
+
+    Args:
+        points: (n, 2) hits in base_link, m.
+        resolution: Side of a cell, m.
+
+    Returns:
+        The step, rad.
+    """
+    far = float(np.quantile(np.hypot(points[:, 0], points[:, 1]), 0.8))
+    far = max(far, resolution)  # all points may lie at the robot's centre
+    return float(np.clip(resolution / far, _FINEST_TURN_RAD, _COARSEST_TURN_RAD))
 
 
 @njit(cache=True)
@@ -87,13 +106,17 @@ def raise_field(
 
 
 @njit(cache=True)
-def _sum(cells: NDArray[np.int32], row: int, col: int, side: int, level: Field) -> int:
+def _sum(
+    cells: NDArray[np.int32], row: int, col: int, side: int, level: Field, outside: int
+) -> int:
     """Sum a field over the points at ``cells`` (n, 2) row, col, shifted by (row, col)."""
     rows, cols, total = level.shape[0], level.shape[1], 0
     for i in range(cells.shape[0]):
         r, c = (cells[i, 0] + row) // side, (cells[i, 1] + col) // side
         if 0 <= r < rows and 0 <= c < cols:
             total += level[r, c]
+        else:
+            total += outside
     return total
 
 
@@ -144,7 +167,7 @@ def search(
     half = math.ceil(window[0] / fields.resolution)
     turns = math.ceil(window[1] / yaw_step)
     cells = _turned_cells(points, prior, turns, yaw_step, fields)
-    bound = _bounds(cells, half, fields.top)
+    bound = _bounds(cells, half, fields.top, fields.outside)
     blocks = (2 * half) // TOP + 1
     scale = 1.0 / (255.0 * max(1, points.shape[0]))
     best, found, hit = least, prior.copy(), False
@@ -185,7 +208,7 @@ def _turned_cells(
 
 
 @njit(cache=True)
-def _bounds(cells: NDArray[np.int32], half: int, top: Field) -> FloatArray:
+def _bounds(cells: NDArray[np.int32], half: int, top: Field, outside: int) -> FloatArray:
     """Return the upper bounds (headings x blocks x blocks,) of the sums in each block."""
     count, blocks = cells.shape[0], (2 * half) // TOP + 1
     bound = np.empty(count * blocks * blocks)
@@ -193,7 +216,7 @@ def _bounds(cells: NDArray[np.int32], half: int, top: Field) -> FloatArray:
         for a in range(blocks):
             for b in range(blocks):
                 bound[(k * blocks + a) * blocks + b] = _sum(
-                    cells[k], a * TOP - half, b * TOP - half, TOP, top
+                    cells[k], a * TOP - half, b * TOP - half, TOP, top, outside
                 )
     return bound
 
@@ -218,7 +241,7 @@ def _search_block(
     for row1 in range(row0, min(row0 + TOP, half + 1), MID):
         for col1 in range(col0, min(col0 + TOP, half + 1), MID):
             # The finer bound rules out most of the small blocks.
-            if _sum(cells, row1, col1, MID, fields.mid) * scale - turned <= best:
+            if _sum(cells, row1, col1, MID, fields.mid, fields.outside) * scale - turned <= best:
                 continue
             for row in range(row1, min(row1 + MID, half + 1)):
                 for col in range(col1, min(col1 + MID, half + 1)):
@@ -229,7 +252,7 @@ def _search_block(
                     x, y = prior[0] + dx, prior[1] + dy
                     if _is_near(x, y, prior[2] + dyaw, excluded):
                         continue
-                    score = _sum(cells, row, col, 1, fields.fine) * scale - way
+                    score = _sum(cells, row, col, 1, fields.fine, fields.outside) * scale - way
                     if score > best:
                         best = score
                         found[0], found[1], found[2] = x, y, wrap_angle(prior[2] + dyaw)

@@ -14,7 +14,14 @@ from numpy.typing import NDArray
 
 from simloop.config import SlamConfig
 from simloop.geometry.se2 import transform_points
-from simloop.mapping.correlative import MID, TOP, SearchFields, raise_field, search
+from simloop.mapping.correlative import (
+    MID,
+    TOP,
+    SearchFields,
+    heading_step,
+    raise_field,
+    search,
+)
 from simloop.mapping.echoes import unanswered_surfaces
 from simloop.mapping.grid_kernels import (
     Evidence,
@@ -33,8 +40,6 @@ NOWHERE_M = 100.0
 _CHUNK = 64  # the grid grows by this many cells; a multiple of the search fields' blocks
 _NO_POINTS = np.empty((0, 2))
 _NOTHING_EXCLUDED = np.empty((0, 5))
-_FINEST_TURN_RAD = 0.004  # smallest step of the headings in a search
-_COARSEST_TURN_RAD = 0.02  # largest step of the headings in a search
 
 
 class GridMap:
@@ -160,9 +165,7 @@ class GridMap:
         Returns:
             Pose (3,), and its score; -1 if there is none.
         """
-        far = float(np.quantile(np.hypot(points[:, 0], points[:, 1]), 0.8))
-        far = max(far, self.resolution_m)  # all points may lie at the robot's centre
-        step = float(np.clip(self.resolution_m / far, _FINEST_TURN_RAD, _COARSEST_TURN_RAD))
+        step = heading_step(points, self.resolution_m)
         fine, mid, top = self._fields
         fields = SearchFields(fine, mid, top, self.origin_m, self.resolution_m)
         return search(points, prior, window, weights, fields, step, least, excluded)

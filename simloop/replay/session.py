@@ -18,7 +18,7 @@ from simloop.evaluation.trajectories import check_evo, compare
 from simloop.geometry.se2 import transform_points
 from simloop.graph_slam.map_localiser import MapLocaliser
 from simloop.graph_slam.mapper import GraphMapper
-from simloop.graph_slam.scan_tracker import LEAST_POINTS
+from simloop.graph_slam.scan_fit import LEAST_POINTS
 from simloop.graph_slam.settings import MappingConfig
 from simloop.graph_slam.warmup import warm_up
 from simloop.mapping.grid_map import GridMap

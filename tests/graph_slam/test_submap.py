@@ -87,3 +87,23 @@ def test_scans_of_one_wall_joined_lie_on_that_wall(seed, count):
     joined = cluster_of(scans, poses, 400)
     np.testing.assert_allclose(transform_points(poses[-1], joined)[:, 1], 1.0, atol=1e-9)
     assert 20 <= len(joined) <= 50 * count
+
+
+def test_a_forgotten_grid_is_made_again_to_the_bit():
+    rng = np.random.default_rng(0)
+    submap = Submap(MappingConfig().grid, 0, np.zeros(3))
+    for k in range(4):
+        points = rng.uniform(-4.0, 4.0, (200, 2))
+        submap.add(k, points, np.zeros_like(points), 0.1 * rng.standard_normal(3))
+    before = submap.grid
+    submap.forget_grid()
+    assert submap.grid is before  # it is not finished
+    submap.finish()
+    submap.forget_grid()
+    assert submap.grid is not before
+    assert np.array_equal(submap.grid.log_odds, before.log_odds)
+    assert np.array_equal(submap.grid.hits, before.hits)
+    points = rng.uniform(-3.0, 3.0, (50, 2))
+    window, weights = np.array([0.5, 0.2]), np.array([0.1, 0.1])
+    found = [grid.search(points, np.zeros(3), window, weights) for grid in (before, submap.grid)]
+    assert found[0][1] == found[1][1]
