@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import math
+import re
 
 import numpy as np
 import pytest
@@ -53,7 +54,19 @@ def test_the_number_of_beams_tells_the_laser(beams, first, last):
         (77, None, 152.0, -76, 76, False),
         (360, 1.0, 360.0, -180, 179, False),  # a laser that looks all round
         (180, 1.0, 179.0, -89.5, 89.5, False),  # both ends are covered
-        (180, 0.5, None, -45, 44.5, False),
+        (180, 0.5, None, -90, 89, True),  # the number of beams is a known laser's
+        (361, 1.0, None, -90, 90, True),
+        (541, None, 180.0, -135, 135, True),
+        (361, 1.0, 180.0, -90, 90, True),  # two of three
+        (361, 0.5, 270.0, -90, 90, True),
+        (361, 0.5, None, -90, 90, False),
+        (683, 0.352, None, -120.032, 120.032, False),  # rounded
+        (541, 0.5, 4.712389, -135, 135, True),  # radians
+        (541, math.radians(0.5), None, -135, 135, True),
+        (77, math.radians(2.0), None, -76, 76, True),
+        (77, None, math.radians(152.0), -76, 76, True),
+        (77, math.radians(2.0), math.radians(152.0), -76, 76, True),
+        (5, 1.5, None, -3, 3, False),  # few beams, and no step in radians
         (541, 1.0, 180.0, -135, 135, True),  # CARMEN's default settings, another laser
         (77, 1.0, 180.0, -90, 90, True),
         (77, None, None, -90, 90, True),
@@ -72,8 +85,36 @@ def test_a_robotlaser_lines_sweep_is_used_if_it_is_one():
     assert note == ""
     angles, note = robotlaser_angles(181, math.nan, 0.0, math.pi)
     np.testing.assert_allclose(angles, beam_angles(181))
-    assert "no sweep" in note
+    assert "a resolution of 0;" in note and "180 degrees" in note
     assert robotlaser_angles(181, 0.0, -1.0, math.inf) is None
+
+
+@pytest.mark.parametrize(
+    ("beams", "start", "step", "fov", "first", "last", "said"),
+    [
+        (361, -90, 1.0, 180, -90, 90, "a resolution of 0.01745; .* put on 180 degrees"),
+        (361, -90, 0.5, 270, -90, 90, "a field of view of 4.712; .* put on 180 degrees"),
+        (541, -135, 0.5, 180, -135, 135, "a field of view of 3.142; .* put on 270 degrees"),
+        (541, -135, 0.0, 180, -135, 135, "a resolution of 0; .* put on 270 degrees"),
+        (360, -180, 1.0, 360, -180, 179, ""),  # a laser that looks all round
+        (360, -180, 1.0, 0, -180, 179, ""),  # its start says so too
+        (77, 0, 1.0, 180, 0, 180, "field of view of 3.142; .* put on 180 degrees"),
+        (77, -38, 1.0, 180, -38, 38, "put on 76 degrees, by the resolution and the start"),
+        (361, math.nan, 0.5, 180, -90, 90, "a start of nan"),
+    ],
+)
+def test_two_numbers_of_a_robotlaser_line_that_agree_win(
+    beams, start, step, fov, first, last, said
+):
+    angles, note = robotlaser_angles(beams, *np.radians([start, step, fov]))
+    np.testing.assert_allclose(np.degrees(angles[[0, -1]]), [first, last], atol=1e-6)
+    assert re.search(said, note) if said else not note
+
+
+def test_a_robotlaser_line_in_degrees_is_recognised():
+    angles, note = robotlaser_angles(541, -135.0, 0.5, 270.0)
+    np.testing.assert_allclose(np.degrees(angles[[0, -1]]), [-135, 135], atol=1e-9)
+    assert "taken for degrees" in note
 
 
 # ---- what is read
