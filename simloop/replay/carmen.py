@@ -11,7 +11,6 @@ import math
 from array import array
 from collections import Counter
 from collections.abc import Iterable
-from contextlib import suppress
 
 import numpy as np
 
@@ -42,6 +41,7 @@ class _Lines:
         self.scans: dict[str, list[ScanLine]] = {kind: [] for kind in _SCANS}
         self.bad: dict[str, list[int]] = {kind: [] for kind in _SCANS}
         self.odom = array("d")  # line, x, y, yaw and two stamps of each ODOM line
+        self.bad_odom, self.first_bad_odom = 0, 0  # number, and line of the first
         self.others: Counter[str] = Counter()
         self.parameters = Parameters()
         self._name, readings = name, 0
@@ -70,13 +70,24 @@ class _Lines:
         return len(scan.ranges)
 
     def _add_odometry(self, words: list[str], number: int) -> None:
-        with suppress(ValueError, IndexError):
+        try:
             self.odom.extend((number, *odometry(words)))
+        except (ValueError, IndexError):
+            self.bad_odom += 1
+            self.first_bad_odom = self.first_bad_odom or number
         check_limit(len(self.odom) // 6, _MOST_ODOMETRY, f"{self._name}: ODOM lines")
 
     def odometry(self) -> FloatArray:
         """Return (m, 6) line, x, y, yaw and two stamps of each ODOM line."""
         return np.frombuffer(self.odom).reshape(-1, 6)
+
+    def wrong_odometry(self) -> str:
+        """Describe the ODOM lines that are not valid."""
+        total = self.bad_odom + len(self.odom) // 6
+        return (
+            f"{self.bad_odom} of {total} ODOM lines are not valid, and not used "
+            f"(first at line {self.first_bad_odom})"
+        )
 
     def front_laser(self, name: str) -> str:
         """Choose the kind of the lines: that of most scans; lines with poses are preferred."""
@@ -94,11 +105,17 @@ class _Lines:
         )
 
     def left_out(self, kind: str) -> list[str]:
-        """Describe the lines of other kinds that hold scans."""
+        """Describe the lines that are not used: of other kinds, not valid, of other settings."""
         others = dict(self.others)
         if kind != "RAWLASER1":  # otherwise these are the same scans, without poses
             others |= {k: len(s) for k, s in self.scans.items() if k not in (kind, "RAWLASER1")}
         said = [f"{count} {k} lines are not used" for k, count in others.items() if count]
+        said += [
+            f"{len(bad)} {k} lines are not valid, and not used (first at line {bad[0]})"
+            for k, bad in self.bad.items()
+            if bad and k != kind
+        ]
+        said += [self.wrong_odometry()] if self.bad_odom else []
         said += [f"PARAM {name} is not used" for name in self.parameters.ignored]
         return said
 
@@ -127,7 +144,7 @@ def parse_carmen(lines: Iterable[str], name: str = "log") -> LaserLog:
     notes = read.left_out(kind)
     angles, note = _angles(scans[0], read.parameters)
     notes += [note] if note else []
-    odom, laser = _poses(scans, read, notes)
+    odom, laser = _poses(scans, read, name, notes)
     ranges = np.array([scan.ranges for scan in scans])
     clocks = np.array([scan.clocks for scan in scans]).T.copy()
     places = [scan.number for scan in scans]
@@ -164,13 +181,19 @@ def _angles(scan: ScanLine, parameters: Parameters) -> tuple[FloatArray, str]:
     return flaser_angles(beams, parameters.resolution_deg, parameters.fov_deg)
 
 
-def _poses(scans: list[ScanLine], read: _Lines, notes: list[str]) -> tuple[FloatArray, FloatArray]:
+def _poses(
+    scans: list[ScanLine], read: _Lines, name: str, notes: list[str]
+) -> tuple[FloatArray, FloatArray]:
     """Return the robot's pose (n, 3) at each scan, and base_from_laser (3,)."""
     by_parameter = np.array([read.parameters.offset_m, 0.0, 0.0])
     poses = [scan.poses for scan in scans if scan.poses is not None]
     if poses:
         both = np.array(poses)
         return both[:, 3:], _laser_offset(both[:, :3], both[:, 3:], by_parameter)
+    if read.bad_odom > len(read.odom) // 6:
+        raise InputError(
+            f"{name}: most of the log's odometry cannot be used: {read.wrong_odometry()}"
+        )
     if not read.odom:
         notes.append("the log has no odometry: the robot is taken to stand still")
         return np.zeros((len(scans), 3)), by_parameter

@@ -19,6 +19,7 @@ MADE_UP_S = 1.0
 """Time between two scans if no clock of the log rises, s."""
 
 _LAST_S = 4e9  # stamps outside this range, in the year 2096, are no seconds since 1970
+_UNITS = (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9))
 _LEAST_SHARE = 0.02  # share of the scans that must have a stamp in the rising sequence
 _LEAST_IN_ORDER = 0.5  # share of the scans whose stamp must lie between its neighbours' stamps
 
@@ -38,6 +39,25 @@ class Times:
     clocks_s: tuple[FloatArray, ...]
     measured: bool
     note: str
+
+
+def unit_of(stamps: FloatArray) -> tuple[str, float]:
+    """Find the unit of stamps that are too large for seconds since 1970.
+
+    Args:
+        stamps: (n,) stamps of a clock; NaN where there is none.
+
+    Returns:
+        The unit's name, and how many of it make a second: ``seconds`` and 1 if the stamps may be
+        seconds, or if no unit makes them so.
+    """
+    known = np.abs(stamps[np.isfinite(stamps)])
+    middle = float(np.median(known)) if len(known) else 0.0
+    if middle > _LAST_S:
+        for name, in_a_second in _UNITS:
+            if middle <= _LAST_S * in_a_second:
+                return name, in_a_second
+    return "seconds", 1.0
 
 
 def choose_times(clocks: Sequence[FloatArray]) -> Times:
@@ -62,7 +82,9 @@ def choose_times(clocks: Sequence[FloatArray]) -> Times:
             which = "the logger's stamps" if best else "the stamps"
             note = f"{n - known[best]} of {n} of {which} do not rise; their times are interpolated"
             return Times(t_s, kept, True, note)
-    note = "the stamps do not rise; the scans are taken in the order of the file, 1 s apart"
+    strange = all(not (np.abs(clock) <= _LAST_S).any() for clock in clocks)
+    why = "the stamps are no seconds since 1970" if strange else "the stamps do not rise"
+    note = f"{why}; the scans are taken in the order of the file, 1 s apart"
     return Times(MADE_UP_S * np.arange(n, dtype=np.float64), kept, False, note if n > 1 else "")
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simloop.messages import FloatArray
-from simloop.replay.clocks import choose_times
+from simloop.replay.clocks import choose_times, unit_of
 from simloop.replay.no_return import Ranges, longest_hit_m
 from simloop.replay.odometry import Odometry
 from simloop.replay.unused import Unused
@@ -125,8 +125,10 @@ def clean_log(
         ranges, odom = ranges[keep], odom[keep]
         clocks = tuple(clock[keep] for clock in clocks)
     ranges[~((ranges > 0.0) & (ranges <= _MOST_RANGE_M))] = np.inf  # also NaN
+    said = [*unused.notes(total), *notes]
+    clocks, odometry = _in_seconds(clocks, raw.odometry, said)
     times = choose_times(clocks)
-    said = [*unused.notes(total), *notes, *([times.note] if times.note else [])]
+    said += [times.note] if times.note else []
     reference = None if raw.reference is None else _known_poses(raw.reference[keep], said)
     return LaserLog(
         times.t_s,
@@ -141,8 +143,22 @@ def clean_log(
         stated_range_m,
         tuple(said),
         reference,
-        raw.odometry,
+        odometry,
     )
+
+
+def _in_seconds(
+    clocks: tuple[FloatArray, ...], odometry: Odometry | None, said: list[str]
+) -> tuple[tuple[FloatArray, ...], Odometry | None]:
+    """Convert the scans' and the odometry's stamps to seconds, and add a note if they are not."""
+    units = [unit_of(clock) for clock in clocks]
+    for unit in dict.fromkeys(unit for unit in units if unit[1] != 1.0):
+        said.append(f"the stamps are too large for seconds since 1970: taken for {unit[0]}")
+    if odometry is not None:  # its lines have the same clocks
+        scales = [unit_of(clock)[1] for clock in odometry.clocks_s]
+        by_clock = tuple(t / s for t, s in zip(odometry.clocks_s, scales, strict=True))
+        odometry = replace(odometry, clocks_s=by_clock)
+    return tuple(t / unit[1] for t, unit in zip(clocks, units, strict=True)), odometry
 
 
 def _plausible(odom: FloatArray) -> NDArray[np.bool_]:

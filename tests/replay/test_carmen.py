@@ -154,6 +154,47 @@ def test_raw_laser_lines_get_their_poses_from_odometry():
     assert not still.odom.any() and "stand still" in still.notes[0]
 
 
+def test_odometry_lines_that_are_not_valid_are_counted():
+    lines = []
+    for k in range(4):
+        lines += [f"ODOM {k} 0 0 0 0 0 {k} h {k}", robotlaser("RAWLASER1", t=k)]
+    wrong = ["ODOM 1 2 0 0.1 0 3", "ODOM nan 0 0 0 0 0 3 h 3"]
+    log = parse_carmen([*lines, *wrong])
+    assert log.notes == ("2 of 6 ODOM lines are not valid, and not used (first at line 9)",)
+    short = [line[:12] if line.startswith("ODOM") else line for line in lines]
+    with pytest.raises(InputError, match=r"x.log: most .* odometry .* 4 of 4 .* at line 1"):
+        parse_carmen(short, "x.log")
+    unneeded = parse_carmen([flaser(t=0), *short], "x.log")  # poses are in the laser's lines
+    assert "4 of 4 ODOM lines are not valid, and not used (first at line 2)" in unneeded.notes
+
+
+def test_lines_of_another_kind_that_are_not_valid_are_counted():
+    wrong = [robotlaser()[:40]] * 50 + [robotlaser("RAWLASER1")[:40]]
+    notes = parse_carmen([flaser(t=k) for k in range(4)] + wrong).notes
+    assert notes == (
+        "50 ROBOTLASER1 lines are not valid, and not used (first at line 5)",
+        "1 RAWLASER1 lines are not valid, and not used (first at line 55)",
+    )
+
+
+@pytest.mark.parametrize(
+    ("unit", "in_a_second"), [("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9)]
+)
+def test_stamps_in_smaller_units_are_recognised(unit, in_a_second):
+    stamps = [(1.7e9 + 0.5 * k) * in_a_second for k in range(6)]
+    lines = [flaser(t=f"{t:.0f}") for t in stamps]
+    lines.append(f"ODOM 0 0 0 0 0 0 {stamps[1]:.0f} h {stamps[1]:.0f}")
+    log = parse_carmen(lines)
+    np.testing.assert_allclose(np.diff(log.t_s), 0.5, atol=1e-6)
+    assert log.measured and len(log.notes) == 1 and f"taken for {unit}" in log.notes[0]
+    np.testing.assert_allclose(log.odometry.clocks_s[0], log.t_s[1])
+
+
+def test_stamps_that_are_no_times_are_not_said_to_fall():
+    log = parse_carmen([flaser(t=f"{10**25 + k * 10**20}") for k in range(4)])
+    assert not log.measured and "no seconds since 1970" in log.notes[0]
+
+
 def test_the_order_of_the_lines_counts_whatever_the_stamps_say():
     log = parse_carmen([flaser(x=0.1 * k, t=-k) for k in range(5)])
     np.testing.assert_allclose(log.odom[:, 0], 0.1 * np.arange(5))
