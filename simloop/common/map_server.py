@@ -187,7 +187,8 @@ def _log_odds(
     if mode == "scale":  # the occupancy is linear between the thresholds
         between = ~(free | occupied)
         share = np.clip((chance[between] - below) / max(1e-9, above - below), 0.02, 0.98)
-        odds[between] = np.log(share / (1.0 - share))
+        # A cell between the thresholds is never surer than one beyond them.
+        odds[between] = np.clip(np.log(share / (1.0 - share)), -_SURE, _SURE)
     cells = odds[picture.levels]
     if picture.opacity is not None and mode != "raw":
         cells[picture.opacity < 255] = 0.0

@@ -7,6 +7,7 @@ import time
 
 import numpy as np
 import pytest
+import yaml
 from helpers.mutate import mutated
 from helpers.shared_cases import shared_case
 from hypothesis import HealthCheck, given, settings
@@ -219,27 +220,73 @@ def test_no_damage_breaks_the_reader(tmp_path, seed):
         assert cells.log_odds.shape == (2, 3)
 
 
-def test_the_dialects_of_the_case_are_read_as_by_pyyaml_and_pillow():
-    """See the README of the case: the same cells, or a refusal."""
-    import yaml
+# Of the case's files, those that are refused, and why. All others have one picture and one place.
+REFUSED = {
+    "dup_key": "image is given twice",
+    "image_subdir_twice": "no such file",
+    "image_tilde": "no such file",
+    "inline_comment_nospace": "m.pgm#x: no such file",
+    "negate_comment_tab": "not YAML",
+    "origin_nan": "-nan.* is not",  # a text to PyYAML
+    "origin_tuple": "is not",  # a text too
+    "res_big": "resolution 2.5 m",  # no robot drives in cells of this size
+}
+CASE = np.array(
+    [[0, 254, 254, 254, 205], [0, 0, 254, 254, 254], [254, 254, 254, 0, 254], [254] * 5]
+)
+SURE = 2.0
 
+
+def expected_odds(mode, negate, free_below):
+    """The rules of map_server for the case's picture, level by level."""
+    by_level = {}
+    for level in (0, 205, 254):
+        chance = level / 255.0 if negate else 1.0 - level / 255.0
+        if mode == "raw":
+            by_level[level] = -SURE if level == 0 else 0.0  # 0 %; beyond 100 it is unknown
+        elif chance > 0.65:
+            by_level[level] = SURE
+        elif chance < free_below:
+            by_level[level] = -SURE
+        else:  # 205 only, 0.00008 above the lower threshold
+            by_level[level] = -SURE if mode == "scale" else 0.0
+    return np.vectorize(by_level.get)(CASE[::-1])
+
+
+def case_files():
     folder = shared_case("06-map-yaml-dialects")
-    seen = 0
-    for file in sorted([*folder.glob("*.yaml"), *folder.glob("*.yml")]):
-        try:
-            cells = read_cells(file)
-        except InputError:
-            continue
-        facts = yaml.safe_load(file.read_bytes())
-        grey = np.asarray(Image.open(file.parent / facts["image"])).astype(float)
-        grey = grey / 257.0 if grey.max() > 255 else grey
-        grey = grey[..., :3].mean(axis=2) if grey.ndim == 3 else grey
-        dark = grey if facts.get("negate", 0) in (1, True) else 255.0 - grey
-        if facts.get("mode", "").lower() in ("raw", "scale"):
-            continue
-        occupied = dark / 255.0 > facts.get("occupied_thresh", 0.65)
-        free = dark / 255.0 < facts.get("free_thresh", 0.196)
-        np.testing.assert_array_equal(cells.log_odds > 0, occupied[::-1], err_msg=file.name)
-        np.testing.assert_array_equal(cells.log_odds < 0, free[::-1], err_msg=file.name)
-        seen += 1
-    assert seen >= 30
+    return sorted([*folder.glob("*.yaml"), *folder.glob("*.yml")])
+
+
+def test_the_dialects_of_the_case_are_read_as_by_pyyaml_and_pillow():
+    """See the README of the case: the same cells and place, or a refusal where it is right."""
+    files = [file for file in case_files() if file.stem not in REFUSED]
+    assert len(files) >= 35
+    for file in files:
+        cells, facts = read_cells(file), yaml.safe_load(file.read_bytes())
+        grey = np.asarray(Image.open(file.parent / facts["image"])).astype(int)
+        grey = grey // 257 if grey.max() > 255 else grey
+        np.testing.assert_array_equal(grey[..., 0] if grey.ndim == 3 else grey, CASE)
+        negate = facts.get("negate", 0) not in (0, False, "0")
+        mode = facts.get("mode", "trinary").lower()
+        odds = expected_odds(mode, negate, facts.get("free_thresh", 0.196))
+        np.testing.assert_allclose(cells.log_odds, odds, atol=1e-6, err_msg=file.name)
+        assert cells.resolution_m == 0.05, file.name
+        assert cells.origin_m.tolist() == [-1.0, -2.0], file.name
+        yaw = float(facts["origin"][2])
+        assert yaw == {"origin_yaw": 1.56, "origin_yaw_tiny": 1e-17}.get(file.stem, 0.0)
+        assert cells.yaw_rad == pytest.approx(yaw, abs=1e-12), file.name
+
+
+@pytest.mark.parametrize(("name", "said"), REFUSED.items())
+def test_files_of_the_case_that_are_no_map_are_refused(name, said):
+    with pytest.raises(InputError, match=said):
+        read_cells(shared_case("06-map-yaml-dialects") / f"{name}.yaml")
+
+
+def test_what_is_between_the_thresholds_is_not_surer_than_what_is_beyond_them(tmp_path):
+    picture = np.arange(256, dtype=np.uint8)[None]
+    odds = read_cells(write(tmp_path, BASE + "mode: scale\n", picture)).log_odds[0]
+    assert (np.diff(odds) <= 0.0).all()
+    assert odds[0] == SURE and odds[-1] == -SURE
+    assert 80 < np.count_nonzero(np.abs(odds) < SURE) < 117
