@@ -41,6 +41,23 @@ def test_it_touches_nothing_and_never_is_wrong_in_silence(name, seed, setting):
     assert result.metrics["health"]["unsaid_s"] <= MOST_UNSAID_S
 
 
+# The first seconds of some: each touched something by then when it took silence for free space.
+@pytest.mark.parametrize(
+    ("name", "seed", "setting", "seconds"),
+    [
+        ("experiment", 0, "lidar.dropout=1.0", 3.2),
+        ("clutter", 0, DROPPED.format(0.0, 1.0), 2.8),
+        ("clutter", 3, GLASS, 4.2),
+    ],
+)
+def test_the_first_seconds_without_an_echo(name, seed, setting, seconds):
+    result = drive(name, seed, setting, f"time_limit_s={seconds}")
+    assert result.metrics["contact_count"] == 0
+    assert result.metrics["health"]["unsaid_s"] <= MOST_UNSAID_S
+    assert result.metrics["health"]["ok_s"] < 0.5 * result.metrics["sim_time_s"]
+    assert result.outcome != "reached" and result.metrics["distance_to_go_m"] > 1.0
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "seed", "friction"),

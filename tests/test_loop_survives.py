@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from helpers.shared_cases import shared_case
 
+from simloop.benchmarks.faults import MOST_UNSAID_S
 from simloop.common.errors import InputError
 from simloop.loop import Simulation
 from simloop.messages import Estimate, Event, MoverTracks
@@ -119,7 +120,13 @@ def test_shared_a_mover_and_nothing_else():
 def test_shared_kidnapped_after_growth():
     events = []
     path = shared_case("24-kidnapped-after-growth") / "kidnapped.toml"
-    outcome = Simulation(load(str(path), []), [events.append]).run().outcome
-    texts = [event.text for event in events if isinstance(event, Event)]
-    assert any("lost" in text for text in texts)
-    assert outcome.value in ("reached", "lost"), "it must not arrive where it is not"
+    result = Simulation(load(str(path), []), [events.append]).run()
+    texts = [e.text for e in events if isinstance(e, Event) and 20e9 <= e.t_ns < 21e9]
+    assert any("localisation lost" in text for text in texts), "it says so within a second"
+    assert result.metrics["contact_count"] == 0
+    assert result.metrics["health"]["unsaid_s"] <= MOST_UNSAID_S
+    if result.outcome.value == "reached":
+        assert result.metrics["distance_to_go_m"] < 0.5, "it must not arrive where it is not"
+    else:
+        assert result.outcome.value == "lost"
+        assert any("stopping" in e.text for e in events if isinstance(e, Event))

@@ -20,6 +20,9 @@ MOST_OFFSET_M = 10.0
 
 _MOST_RANGE_M = 1000.0  # larger values are codes: no laser of a robot measures farther
 _RANGE_MIN_M = 0.1  # nearer hits are ignored: they are the robot itself, or dust
+_ROUND, _ROUND_M = 0.005, 0.01  # ranges that differ by less are one: share, at least these metres
+_ROUND_HITS, _ROUND_SHARE = 10, 0.5  # hits of a scan that are all around: least number and share
+_CHUNK = 4096  # scans that are looked at at once
 _MOST_XY_M, _MOST_YAW_RAD = 1e8, 1e6  # larger odometry has lost its millimetres
 _MOST_WAY_M = 1e5  # a pose farther from the middle of all poses is an error
 
@@ -216,6 +219,12 @@ class ScanReader:
                 f"{wrong} ranges are left out: they are more than the laser measures, which is "
                 f"{longest:.4g} m in this log, and not its value for no echo"
             )
+        alike = _alike(log.ranges_m, self._most)
+        if alike:
+            self.notes.append(
+                f"{alike} of {len(log.t_s)} scans have one range in all directions: how the robot "
+                "turns cannot be told from them"
+            )
         heading = log.angles_rad + log.base_from_laser[2]
         self._direction = np.stack((np.cos(heading), np.sin(heading)), axis=1)
         self._origin = log.base_from_laser[:2]
@@ -233,3 +242,18 @@ class ScanReader:
         valid = (ranges >= _RANGE_MIN_M) & (ranges <= self._most)
         points = self._origin + ranges[valid, None] * self._direction[valid]
         return points, np.tile(self._origin, (len(points), 1))
+
+
+def _alike(ranges_m: Ranges, longest_m: float) -> int:
+    """Count the scans of which most beams hit something, all at one range."""
+    count = 0
+    for at in range(0, len(ranges_m), _CHUNK):
+        some = ranges_m[at : at + _CHUNK]
+        valid = (some >= _RANGE_MIN_M) & (some <= longest_m)
+        least = np.where(valid, some, np.inf).min(axis=1)
+        most = np.where(valid, some, -np.inf).max(axis=1)
+        alike = most - least <= np.maximum(_ROUND_M, _ROUND * most)
+        hits = valid.sum(axis=1)
+        alike &= hits >= max(_ROUND_HITS, _ROUND_SHARE * some.shape[1])
+        count += int(np.count_nonzero(alike))
+    return count

@@ -9,6 +9,7 @@ import zlib
 import numpy as np
 import pytest
 from helpers.mutate import mutated
+from helpers.shared_cases import shared_case
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
@@ -142,6 +143,15 @@ def test_what_is_no_picture_is_refused_in_one_line(tmp_path, data, said):
     with pytest.raises(InputError, match=said) as error:
         read_picture(tmp_path / "a.png")
     assert "\n" not in str(error.value)
+
+
+def test_the_headers_of_the_case_are_read_or_refused():
+    folder = shared_case("07-pgm-header-hang")
+    read = read_picture(folder / "ok.pgm")  # after 200 comments
+    np.testing.assert_array_equal(read.levels, [[0, 254], [254, 0]])
+    for name in ("s.pgm", "cut.pgm"):
+        with pytest.raises(InputError, match="header ends"):
+            read_picture(folder / name)
 
 
 def test_a_cut_picture_is_refused(tmp_path):

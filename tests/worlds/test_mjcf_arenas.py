@@ -318,11 +318,24 @@ def test_the_cases_leave_the_vehicle_as_it_is_or_are_refused():
     assert set(refused) <= {"free_body", "group3", "hfield", "mocap", "sdfplugin"}
 
 
-@pytest.mark.parametrize(
-    "name", ["mesh_rel", "mesh_dir", "mesh_dir_assets", "strippath", "mesh_rel_hull"]
-)
-def test_the_wedge_of_the_case_is_its_own(name, monkeypatch):
-    file = shared_case("14-mjcf-files") / f"{name}.xml"
+WEDGE = ("obstacle_w", [3.0, 1.0], [4.0, 2.0])
+FILES = {
+    **dict.fromkeys(
+        ("concave", "mesh_assets_hull", "mesh_assets_wheels", "mesh_dir", "mesh_dir_assets"), WEDGE
+    ),
+    **dict.fromkeys(("mesh_dir_hull", "mesh_rel", "mesh_rel_hull", "strippath"), WEDGE),
+    "mesh_scale": ("obstacle_w", [3.0, 1.0], [3.5, 1.5]),
+    "include": ("wall_east", [4.9, -2.0], [5.1, 2.0]),
+}
+
+
+@pytest.mark.parametrize(("name", "shape"), FILES.items())
+def test_the_wedge_of_the_case_is_its_own(name, shape, monkeypatch):
+    folder = shared_case("14-mjcf-files")
+    assert {file.stem for file in folder.glob("*.xml")} == set(FILES)
     monkeypatch.chdir("/")
-    (section,) = floor_plan(build(file), 0.1, band_m=(0.0, 0.25)).sections
-    assert np.ptp(section.vertices_m, axis=0) == pytest.approx([1.0, 1.0], abs=1e-6)
+    (section,) = floor_plan(build(folder / f"{name}.xml"), 0.1, band_m=(0.0, 0.25)).sections
+    called, low, high = shape
+    assert section.name == called
+    np.testing.assert_allclose(section.vertices_m.min(axis=0), low, atol=1e-6)
+    np.testing.assert_allclose(section.vertices_m.max(axis=0), high, atol=1e-6)
