@@ -16,7 +16,6 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from simloop.campaign.contents import files_of
 from simloop.campaign.spec import Request
 from simloop.campaign.sweeps import parse_seeds
 from simloop.campaign.work import check_worlds
@@ -29,6 +28,7 @@ from simloop.common.errors import InputError
 from simloop.common.files import write_text
 from simloop.evaluation.referee import Outcome
 from simloop.loop import Simulation
+from simloop.scenario.inputs import input_files
 from simloop.scenario.load import load, resolve
 
 _BOUNDS = {"sim_time_s": "s", "path_ratio": "x shortest", "ate_rmse_m": "m", "yaw_deg": "deg",
@@ -109,7 +109,7 @@ def main(
         request.check()
         check_json(json_file)
         (cell,) = request.cells()
-        check_apart({"--json": json_file}, [resolve(scenario), *files_of(cell.load())])
+        check_apart({"--json": json_file}, input_files(cell.load(), resolve(scenario)))
         check_worlds([cell], request.seeds)
         jobs = [(scenario, list(request.overrides), seed) for seed in range(*request.seeds)]
         note = "stopping: the runs under way are finished; once more to end at once"

@@ -98,12 +98,12 @@ def bench_loop(
     Returns:
         The exit code.
     """
-    from simloop.campaign.contents import files_of
+    from simloop.scenario.inputs import input_files
     from simloop.scenario.load import load, resolve
 
     wanted = load(scenario, overrides or ())
     check_json(json_file)
-    check_apart({"--json": json_file}, [resolve(scenario), *files_of(wanted)])
+    check_apart({"--json": json_file}, input_files(wanted, resolve(scenario)))
     from simloop.benchmarks import loop_speed as bench_loop
 
     with compiling_shown(Console(stderr=True)) as report:

@@ -156,8 +156,8 @@ class _Outputs:
     def check(self, request: Request) -> None:
         """Raise InputError for an output that cannot be written, before the first run."""
         from simloop.campaign import report
-        from simloop.campaign.contents import files_of
         from simloop.common.files import check_directory, check_file
+        from simloop.scenario.inputs import all_input_files
         from simloop.scenario.load import resolve
 
         if self.report:
@@ -166,10 +166,10 @@ class _Outputs:
             check_file(self.junit, "--junit")
         check_directory(self.folder, "--out")
         written = {f"{name} of --out": self.folder / name for name in OWN_FILES}
-        named = [name for cell in request.cells() for name in files_of(cell.load())]
+        sources = [resolve(one) for one in request.scenarios]
         check_apart(
             {**written, "--junit": self.junit, "--json": self.json_file},
-            [*(resolve(one) for one in request.scenarios), *dict.fromkeys(named)],
+            all_input_files([cell.load() for cell in request.cells()], sources),
         )
 
 

@@ -166,7 +166,7 @@ def picture_of(yaml_file: Path) -> Path:
     Raises:
         InputError: If the YAML file cannot be read or names no picture.
     """
-    return _picture_of(yaml_file, _read_yaml(yaml_file))
+    return _picture_of(yaml_file, _read_yaml(yaml_file, ("image",)))
 
 
 def _log_odds(
@@ -194,23 +194,23 @@ def _log_odds(
     return cells
 
 
-def _read_yaml(path: Path) -> _Document:
+def _read_yaml(path: Path, needs: tuple[str, ...] = _NEEDS) -> _Document:
     """Read the known keys of a YAML file. What stands under other keys is not even built."""
     text = read_text(path, MAP_YAML_BYTES)
     try:
         _check_depth(path, yaml.parse(text, yaml.SafeLoader))
         root = yaml.compose(text, yaml.SafeLoader)
         if not isinstance(root, yaml.MappingNode):
-            raise InputError(f"{path}: no 'key: value' of a map; required: {', '.join(_NEEDS)}")
+            raise InputError(f"{path}: no 'key: value' of a map; required: {', '.join(needs)}")
         facts = _known(path, root)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f", line {mark.line + 1}" if mark else ""
         reason = getattr(error, "problem", None) or str(error)
         raise InputError(f"{path}{where}: not YAML: {reason}") from None
-    for key in _NEEDS:
+    for key in needs:
         if key not in facts:
-            raise InputError(f"{path}: {key} is missing; required: {', '.join(_NEEDS)}")
+            raise InputError(f"{path}: {key} is missing; required: {', '.join(needs)}")
     return facts
 
 
