@@ -15,6 +15,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
+from rich.console import Console
 
 from simloop.campaign.spec import Request
 from simloop.campaign.sweeps import parse_seeds
@@ -23,6 +24,7 @@ from simloop.cli.apart import check_apart
 from simloop.cli.common import INTERRUPTED, check_json
 from simloop.cli.main import run_command
 from simloop.cli.stopping import leaving_at_once, stopping
+from simloop.cli.world import print_notes
 from simloop.common import pool
 from simloop.common.errors import InputError
 from simloop.common.files import write_text
@@ -110,7 +112,7 @@ def main(
         check_json(json_file)
         (cell,) = request.cells()
         check_apart({"--json": json_file}, input_files(cell.load(), resolve(scenario)))
-        check_worlds([cell], request.seeds)
+        print_notes(Console(stderr=True), check_worlds([cell], request.seeds))
         jobs = [(scenario, list(request.overrides), seed) for seed in range(*request.seeds)]
         note = "stopping: the runs under way are finished; once more to end at once"
         with stopping(note) as stop:

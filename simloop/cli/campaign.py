@@ -15,6 +15,7 @@ from rich.console import Console
 from simloop.cli.apart import OWN_FILES, Redo, Repair, check_apart, check_redo
 from simloop.cli.common import INTERRUPTED, JsonFile, Overrides, check_json, write_json
 from simloop.cli.stopping import leaving_at_once, stopping
+from simloop.cli.world import print_notes
 from simloop.common.errors import InputError, printable
 
 if TYPE_CHECKING:
@@ -211,8 +212,10 @@ def _prepare(journal: Journal, request: Request, specs: Sequence[RunSpec], how: 
     take_up(journal, specs, how)
     missing = {spec.cell for spec in journal.missing(specs)}
     cells = [one for one in request.cells() if one.cell in missing]
-    with counting(Console(stderr=True), "worlds checked", len(cells)) as show:
-        check_worlds(cells, request.seeds, show)
+    console = Console(stderr=True)
+    with counting(console, "worlds checked", len(cells)) as show:
+        notes = check_worlds(cells, request.seeds, show)
+    print_notes(console, notes)
 
 
 def _absolute(scenario: str) -> str:

@@ -7,7 +7,6 @@ program, 130 stopped by Ctrl-C. Each command imports what it needs when it runs,
 
 from __future__ import annotations
 
-import os
 import shlex
 import sys
 from collections.abc import Callable
@@ -30,6 +29,7 @@ from simloop.cli.common import (
 )
 from simloop.cli.edge import INTERRUPTED, run_at_edge
 from simloop.cli.replay import replay
+from simloop.cli.world import build_shown
 from simloop.common.errors import InputError, printable
 
 if TYPE_CHECKING:
@@ -173,7 +173,7 @@ def run_scenario(
     )
     outputs = choose(out, record, snapshots, json_file)
     outputs.check(input_files(wanted, resolve(scenario)))
-    world = _build(wanted, Console(stderr=True, quiet=quiet))
+    world = build_shown(wanted, Console(stderr=True, quiet=quiet))
     # Nothing is written before this line, and all input is checked before it.
     outcome = _run_world(wanted, world, outputs, quiet)
     if outcome is Outcome.INTERRUPTED:
@@ -269,27 +269,6 @@ def _drive(simulation: Simulation, notes: Console, stop: Callable[[], bool]) -> 
         text = f"unstable at {simulation.plant.t_ns * 1e-9:.2f} s: {result.unstable}"
         notes.print(text, markup=False, highlight=False, soft_wrap=True)
     return result
-
-
-def _build(scenario: Scenario, notes: Console) -> World:
-    """Build the scenario's world, and print what was left out or assumed when it was read."""
-    # MuJoCo fails on import if it cannot load MUJOCO_GL's back end.
-    try:
-        from simloop.scenario.build import build_world
-    except Exception as error:
-        name = os.environ.get("MUJOCO_GL")
-        if not name:
-            raise
-        raise InputError(
-            f"MUJOCO_GL={name}: cannot be loaded ({error}); choices: egl, osmesa, disable"
-        ) from None
-    from simloop.common.waiting import said_if_slow
-
-    with said_if_slow(notes, "building the world"):
-        world = build_world(scenario)
-    for line in world.notes:
-        notes.print(f"note: {printable(line)}", markup=False, highlight=False, soft_wrap=True)
-    return world
 
 
 def _plan_figures(watched: Watch, notes: Console, stop: Callable[[], bool]) -> dict[str, Any]:
