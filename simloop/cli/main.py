@@ -164,16 +164,19 @@ def run_scenario(
         The exit code.
     """
     from simloop.cli.outputs import choose
+    from simloop.common.waiting import said_if_slow
     from simloop.evaluation.referee import Outcome
     from simloop.scenario.inputs import input_files
     from simloop.scenario.load import load, resolve
 
-    wanted = load(
-        scenario, overrides or (), seed=seed, planner=planner, model_path=model_path or ()
-    )
+    notes = Console(stderr=True, quiet=quiet)
+    with said_if_slow(notes, "reading the scenario and its maps"):
+        wanted = load(
+            scenario, overrides or (), seed=seed, planner=planner, model_path=model_path or ()
+        )
     outputs = choose(out, record, snapshots, json_file)
     outputs.check(input_files(wanted, resolve(scenario)))
-    world = build_shown(wanted, Console(stderr=True, quiet=quiet))
+    world = build_shown(wanted, notes)
     # Nothing is written before this line, and all input is checked before it.
     outcome = _run_world(wanted, world, outputs, quiet)
     if outcome is Outcome.INTERRUPTED:
@@ -226,6 +229,7 @@ def certify(
 def _run_world(scenario: Scenario, world: World, outputs: Outputs, quiet: bool) -> Outcome:
     """Run a scenario in its world, write the outputs and print the result."""
     from simloop.common.files import folder_lock
+    from simloop.common.waiting import said_if_slow
 
     console, notes = Console(quiet=quiet), Console(stderr=True, quiet=quiet)
     with compiling_shown(notes) as report:
@@ -241,7 +245,8 @@ def _run_world(scenario: Scenario, world: World, outputs: Outputs, quiet: bool) 
         watch(scenario, world, outputs) as watched,
     ):
         outputs.announce(scenario, versions())
-        simulation = Simulation(scenario, watched.listeners, world=world)
+        with said_if_slow(notes, "reading the known map, if any, and starting the run"):
+            simulation = Simulation(scenario, watched.listeners, world=world)
         result = _drive(simulation, notes, stop)
         try:
             outputs.write_result(

@@ -25,7 +25,7 @@ from simloop.common.limits import (
     TEXT_CHARACTERS,
     check_limit,
 )
-from simloop.common.map_server import read_cells
+from simloop.common.map_server import known_cells
 from simloop.config import MOVED_KEYS, REMOVED_KEYS, Config
 from simloop.planners import registry
 from simloop.scenario.catalog import arena_files, planner_names, scenario_files
@@ -342,7 +342,7 @@ def _check_names(scenario: Scenario, *, source: str) -> None:
     if scenario.config.slam.prior_map:
         # The map is read only for its errors, which are then reported before anything runs. The
         # robot itself builds the grid with its search fields.
-        read_cells(Path(scenario.config.slam.prior_map))
+        known_cells(Path(scenario.config.slam.prior_map), scenario.config.slam.max_cells)
     elif not scenario.config.slam.extend_map:
         raise InputError(f"{source}: slam.extend_map: false needs a slam.prior_map")
     if arena.endswith(ARENA_FILES):
