@@ -32,6 +32,7 @@ from simloop.common.terminal import checking, counting, print_table
 from simloop.loop import Simulation
 from simloop.messages import Message
 from simloop.scenario.build import World, build_world
+from simloop.scenario.inputs import input_files
 from simloop.truth import Truth
 
 _MOVED_M, _NEAR_M = 0.1, 1.0
@@ -268,7 +269,7 @@ def main(
                 worlds, indices or (), paths, lambda done, count: said(f"of {count} worlds", done)
             )
         chosen = list(reading.values())
-        scenario_of(chosen[0], overrides or (), 0)
+        check_apart({"--json": json_file}, input_files(scenario_of(chosen[0], overrides or (), 0)))
         for line in yardsticks(chosen):
             print(line)
         runs: list[Run] = []

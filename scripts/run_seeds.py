@@ -15,8 +15,8 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
+from rich.console import Console
 
-from simloop.campaign.contents import files_of
 from simloop.campaign.spec import Request
 from simloop.campaign.sweeps import parse_seeds
 from simloop.campaign.work import check_worlds
@@ -24,11 +24,13 @@ from simloop.cli.apart import check_apart
 from simloop.cli.common import INTERRUPTED, check_json
 from simloop.cli.main import run_command
 from simloop.cli.stopping import leaving_at_once, stopping
+from simloop.cli.world import print_notes
 from simloop.common import pool
 from simloop.common.errors import InputError
 from simloop.common.files import write_text
 from simloop.evaluation.referee import Outcome
 from simloop.loop import Simulation
+from simloop.scenario.inputs import input_files
 from simloop.scenario.load import load, resolve
 
 _BOUNDS = {"sim_time_s": "s", "path_ratio": "x shortest", "ate_rmse_m": "m", "yaw_deg": "deg",
@@ -109,8 +111,8 @@ def main(
         request.check()
         check_json(json_file)
         (cell,) = request.cells()
-        check_apart({"--json": json_file}, [resolve(scenario), *files_of(cell.load())])
-        check_worlds([cell], request.seeds)
+        check_apart({"--json": json_file}, input_files(cell.load(), resolve(scenario)))
+        print_notes(Console(stderr=True), check_worlds([cell], request.seeds))
         jobs = [(scenario, list(request.overrides), seed) for seed in range(*request.seeds)]
         note = "stopping: the runs under way are finished; once more to end at once"
         with stopping(note) as stop:

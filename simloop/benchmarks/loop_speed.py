@@ -34,7 +34,10 @@ Report = Callable[[str, int], None]
 
 
 def run(
-    scenario: Scenario, repeats: int = 3, report: Report = lambda name, count: None
+    scenario: Scenario,
+    repeats: int = 3,
+    report: Report = lambda name, count: None,
+    world: World | None = None,
 ) -> dict[str, Any]:
     """Measure the closed loop on a scenario.
 
@@ -43,11 +46,12 @@ def run(
         repeats: Number of repeats of each measurement; the best counts.
         report: Function that is called with the name and the number of each kernel before it is
             compiled, see `simloop.loop.warm_up`.
+        world: The scenario's world; None to build it.
 
     Returns:
         What ``simloop bench loop --json`` writes; `_FIGURES` explains the main figures.
     """
-    world = build_world(scenario)
+    world = world if world is not None else build_world(scenario)
     warm_up(scenario, world, report)
     loops = [_closed_loop(scenario, world) for _ in range(max(1, repeats))]
     fastest = min(loops, key=lambda one: one["wall_s"])

@@ -130,7 +130,7 @@ def check_worlds(
     cells: Iterable[RunSpec],
     seeds: tuple[int, int],
     progress: Callable[[int], None] = lambda done: None,
-) -> None:
+) -> tuple[str, ...]:
     """Check that one run of each cell can begin.
 
     Args:
@@ -138,24 +138,31 @@ def check_worlds(
         seeds: The first seed of the campaign, and the seed after the last.
         progress: Called with the number of cells that are checked.
 
+    Returns:
+        What was left out of the worlds or assumed when they were read, after the name of each
+        scenario.
+
     Raises:
         InputError: If a world cannot be built, start or goal cannot be used, or a setting or a
             planner's library is missing.
     """
     seen: set[str] = set()
+    notes: dict[str, None] = {}
     for number, spec in enumerate(cells, start=1):
         scenario = spec.load()
         world = _world_key(scenario)
         try:
             if world not in seen:
                 seen.add(world)
-                _check_one(scenario, seeds)
+                said = _check_one(scenario, seeds)
+                notes |= dict.fromkeys(f"{spec.scenario}: {line}" for line in said)
             else:
                 make_planner(scenario.config.planner, scenario.config.vehicle)
         except InputError as error:
             where = "; ".join(part for part in spec.cell[1:] if part)
             raise InputError(f"{error} ({where})" if where else str(error)) from None
         progress(number)
+    return tuple(notes)
 
 
 @lru_cache(maxsize=4)
@@ -164,18 +171,21 @@ def _shared_world(spec: RunSpec) -> World:
     return build_world(spec.load())
 
 
-def _check_one(scenario: Scenario, seeds: tuple[int, int]) -> None:
+def _check_one(scenario: Scenario, seeds: tuple[int, int]) -> tuple[str, ...]:
+    """Build the first world that can be built, and return its notes."""
     tries = min(seeds[0] + _DRAWS, seeds[1]) if scenario.drawn else seeds[0] + 1
     for seed in range(seeds[0], tries):
         one = replace(scenario, seed=seed)
         try:
-            Simulation(one, world=build_world(one))
-            return
+            world = build_world(one)
+            Simulation(one, world=world)
+            return world.notes
         except InputError:
             if seed == tries - 1:
                 raise
         except Exception:  # a fault of the program, not of the input: each run reports it
-            return
+            break
+    return ()
 
 
 def _world_key(scenario: Scenario) -> str:

@@ -24,6 +24,7 @@ from simloop.cli.common import (
     write_json,
 )
 from simloop.cli.stopping import leaves_at_once, stopping
+from simloop.cli.world import build_shown
 
 if TYPE_CHECKING:
     from simloop.cli.runs import How
@@ -99,16 +100,18 @@ def bench_loop(
     Returns:
         The exit code.
     """
-    from simloop.campaign.contents import files_of
+    from simloop.scenario.inputs import input_files
     from simloop.scenario.load import load, resolve
 
     wanted = load(scenario, overrides or ())
     check_json(json_file)
-    check_apart({"--json": json_file}, [resolve(scenario), *files_of(wanted)])
+    check_apart({"--json": json_file}, input_files(wanted, resolve(scenario)))
     from simloop.benchmarks import loop_speed as bench_loop
 
-    with compiling_shown(Console(stderr=True)) as report:
-        figures = bench_loop.run(wanted, repeats, report)
+    notes = Console(stderr=True)
+    world = build_shown(wanted, notes)
+    with compiling_shown(notes) as report:
+        figures = bench_loop.run(wanted, repeats, report, world)
     bench_loop.print_figures(Console(), figures)
     write_json(json_file, figures)
     return 0

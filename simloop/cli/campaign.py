@@ -15,6 +15,7 @@ from rich.console import Console
 from simloop.cli.apart import OWN_FILES, Redo, Repair, check_apart, check_redo
 from simloop.cli.common import INTERRUPTED, JsonFile, Overrides, check_json, write_json
 from simloop.cli.stopping import leaving_at_once, stopping
+from simloop.cli.world import print_notes
 from simloop.common.errors import InputError, printable
 
 if TYPE_CHECKING:
@@ -156,8 +157,8 @@ class _Outputs:
     def check(self, request: Request) -> None:
         """Raise InputError for an output that cannot be written, before the first run."""
         from simloop.campaign import report
-        from simloop.campaign.contents import files_of
         from simloop.common.files import check_directory, check_file
+        from simloop.scenario.inputs import all_input_files
         from simloop.scenario.load import resolve
 
         if self.report:
@@ -166,10 +167,10 @@ class _Outputs:
             check_file(self.junit, "--junit")
         check_directory(self.folder, "--out")
         written = {f"{name} of --out": self.folder / name for name in OWN_FILES}
-        named = [name for cell in request.cells() for name in files_of(cell.load())]
+        sources = [resolve(one) for one in request.scenarios]
         check_apart(
             {**written, "--junit": self.junit, "--json": self.json_file},
-            [*(resolve(one) for one in request.scenarios), *dict.fromkeys(named)],
+            all_input_files([cell.load() for cell in request.cells()], sources),
         )
 
 
@@ -211,8 +212,10 @@ def _prepare(journal: Journal, request: Request, specs: Sequence[RunSpec], how: 
     take_up(journal, specs, how)
     missing = {spec.cell for spec in journal.missing(specs)}
     cells = [one for one in request.cells() if one.cell in missing]
-    with counting(Console(stderr=True), "worlds checked", len(cells)) as show:
-        check_worlds(cells, request.seeds, show)
+    console = Console(stderr=True)
+    with counting(console, "worlds checked", len(cells)) as show:
+        notes = check_worlds(cells, request.seeds, show)
+    print_notes(console, notes)
 
 
 def _absolute(scenario: str) -> str:

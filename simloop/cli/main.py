@@ -7,7 +7,6 @@ program, 130 stopped by Ctrl-C. Each command imports what it needs when it runs,
 
 from __future__ import annotations
 
-import os
 import shlex
 import sys
 from collections.abc import Callable
@@ -30,6 +29,7 @@ from simloop.cli.common import (
 )
 from simloop.cli.edge import INTERRUPTED, run_at_edge
 from simloop.cli.replay import replay
+from simloop.cli.world import build_shown
 from simloop.common.errors import InputError, printable
 
 if TYPE_CHECKING:
@@ -164,16 +164,19 @@ def run_scenario(
         The exit code.
     """
     from simloop.cli.outputs import choose
+    from simloop.common.waiting import said_if_slow
     from simloop.evaluation.referee import Outcome
     from simloop.scenario.inputs import input_files
     from simloop.scenario.load import load, resolve
 
-    wanted = load(
-        scenario, overrides or (), seed=seed, planner=planner, model_path=model_path or ()
-    )
+    notes = Console(stderr=True, quiet=quiet)
+    with said_if_slow(notes, "reading the scenario and its maps"):
+        wanted = load(
+            scenario, overrides or (), seed=seed, planner=planner, model_path=model_path or ()
+        )
     outputs = choose(out, record, snapshots, json_file)
     outputs.check(input_files(wanted, resolve(scenario)))
-    world = _build(wanted, Console(stderr=True, quiet=quiet))
+    world = build_shown(wanted, notes)
     # Nothing is written before this line, and all input is checked before it.
     outcome = _run_world(wanted, world, outputs, quiet)
     if outcome is Outcome.INTERRUPTED:
@@ -226,6 +229,7 @@ def certify(
 def _run_world(scenario: Scenario, world: World, outputs: Outputs, quiet: bool) -> Outcome:
     """Run a scenario in its world, write the outputs and print the result."""
     from simloop.common.files import folder_lock
+    from simloop.common.waiting import said_if_slow
 
     console, notes = Console(quiet=quiet), Console(stderr=True, quiet=quiet)
     with compiling_shown(notes) as report:
@@ -241,7 +245,8 @@ def _run_world(scenario: Scenario, world: World, outputs: Outputs, quiet: bool) 
         watch(scenario, world, outputs) as watched,
     ):
         outputs.announce(scenario, versions())
-        simulation = Simulation(scenario, watched.listeners, world=world)
+        with said_if_slow(notes, "reading the known map, if any, and starting the run"):
+            simulation = Simulation(scenario, watched.listeners, world=world)
         result = _drive(simulation, notes, stop)
         try:
             outputs.write_result(
@@ -269,27 +274,6 @@ def _drive(simulation: Simulation, notes: Console, stop: Callable[[], bool]) -> 
         text = f"unstable at {simulation.plant.t_ns * 1e-9:.2f} s: {result.unstable}"
         notes.print(text, markup=False, highlight=False, soft_wrap=True)
     return result
-
-
-def _build(scenario: Scenario, notes: Console) -> World:
-    """Build the scenario's world, and print what was left out or assumed when it was read."""
-    # MuJoCo fails on import if it cannot load MUJOCO_GL's back end.
-    try:
-        from simloop.scenario.build import build_world
-    except Exception as error:
-        name = os.environ.get("MUJOCO_GL")
-        if not name:
-            raise
-        raise InputError(
-            f"MUJOCO_GL={name}: cannot be loaded ({error}); choices: egl, osmesa, disable"
-        ) from None
-    from simloop.common.waiting import said_if_slow
-
-    with said_if_slow(notes, "building the world"):
-        world = build_world(scenario)
-    for line in world.notes:
-        notes.print(f"note: {printable(line)}", markup=False, highlight=False, soft_wrap=True)
-    return world
 
 
 def _plan_figures(watched: Watch, notes: Console, stop: Callable[[], bool]) -> dict[str, Any]:

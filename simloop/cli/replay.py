@@ -70,6 +70,7 @@ def replay(
     """
     from simloop.common.map_server import picture_of
     from simloop.common.terminal import counting
+    from simloop.common.waiting import said_if_slow
     from simloop.graph_slam.settings import MappingConfig
     from simloop.replay import outputs, session
 
@@ -77,8 +78,9 @@ def replay(
     files.check(log, relations, reference, prior, prior and picture_of(prior))
     read, truth = session.load(log, relations, reference)
     config = MappingConfig()
-    known = session.load_prior(prior, config) if prior is not None else None
     notes = Console(stderr=True)
+    with said_if_slow(notes, "reading the known map"):
+        known = session.load_prior(prior, config) if prior is not None else None
     outputs.print_notes(notes, read.notes)
     bar = counting(notes, "scans", len(read.t_s))
     with stop_asked() as stop, compiling_shown(notes) as report, bar as show:

@@ -89,8 +89,11 @@ class MapCells:
         local = (points_m - self.origin_m) @ self._turn().T
         return np.floor(local / self.resolution_m).astype(np.int64)
 
-    def upright(self) -> MapCells:
+    def upright(self, most: int = CELLS) -> MapCells:
         """Sample a turned map on a grid along the axes of the frame map.
+
+        Args:
+            most: The largest number of cells.
 
         Returns:
             The map with a yaw of 0. Each of its cells is as the cell in which its centre lies;
@@ -104,7 +107,7 @@ class MapCells:
         step, corners = self.resolution_m, self.corners_m()
         low, high = corners.min(axis=0), corners.max(axis=0)
         columns, rows = np.maximum(1, np.ceil((high - low) / step - 1e-6)).astype(int).tolist()
-        check_limit(rows * columns, CELLS, "the turned map: cells")
+        check_limit(rows * columns, most, "the turned map: cells")
         odds = np.zeros((rows, columns), np.float32)
         x = low[0] + (np.arange(columns) + 0.5) * step
         for row in range(rows):  # one by one, to need little memory
@@ -114,6 +117,20 @@ class MapCells:
             inside &= j < self.log_odds.shape[0]
             odds[row, inside] = self.log_odds[j[inside], i[inside]]
         return MapCells(step, low, 0.0, odds)
+
+    def cropped(self) -> MapCells:
+        """Cut off the rows and columns at the borders in which every cell is unknown.
+
+        Returns:
+            The map, of at least one cell.
+        """
+        bounds = []
+        for axis in (0, 1):
+            known = np.flatnonzero(np.any(self.log_odds, axis=1 - axis))
+            bounds.append(slice(known[0], known[-1] + 1) if len(known) else slice(0, 1))
+        corner = self.resolution_m * np.array([[bounds[1].start, bounds[0].start]], np.float64)
+        odds = self.log_odds[bounds[0], bounds[1]].copy()
+        return MapCells(self.resolution_m, self.place_m(corner)[0], self.yaw_rad, odds)
 
     def _turn(self) -> FloatArray:
         """Compute the matrix that turns rows of x, y from the map's own axes to the frame map."""
@@ -154,6 +171,27 @@ def read_cells(yaml_file: Path) -> MapCells:
     return MapCells(resolution, np.array([x, y]), yaw, odds)
 
 
+def known_cells(yaml_file: Path, most: int) -> MapCells:
+    """Read a map for a grid that takes far more memory for each cell than the picture.
+
+    Args:
+        yaml_file: The map's YAML file.
+        most: The largest number of cells.
+
+    Returns:
+        The cells. A map that has too many is cut down to those that are known: mappers often write
+        pictures that are much larger than what they have seen.
+
+    Raises:
+        InputError: If a file cannot be read or is not a map, or if too many cells are left.
+    """
+    cells = read_cells(yaml_file)
+    if cells.log_odds.size > most:
+        cells = cells.cropped()
+    check_limit(cells.log_odds.size, most, f"{yaml_file}: cells of a known map (slam.max_cells)")
+    return cells
+
+
 def picture_of(yaml_file: Path) -> Path:
     """Find the picture that a map's YAML file names.
 
@@ -166,7 +204,7 @@ def picture_of(yaml_file: Path) -> Path:
     Raises:
         InputError: If the YAML file cannot be read or names no picture.
     """
-    return _picture_of(yaml_file, _read_yaml(yaml_file))
+    return _picture_of(yaml_file, _read_yaml(yaml_file, ("image",)))
 
 
 def _log_odds(
@@ -195,23 +233,23 @@ def _log_odds(
     return cells
 
 
-def _read_yaml(path: Path) -> _Document:
+def _read_yaml(path: Path, needs: tuple[str, ...] = _NEEDS) -> _Document:
     """Read the known keys of a YAML file. What stands under other keys is not even built."""
     text = read_text(path, MAP_YAML_BYTES)
     try:
         _check_depth(path, yaml.parse(text, yaml.SafeLoader))
         root = yaml.compose(text, yaml.SafeLoader)
         if not isinstance(root, yaml.MappingNode):
-            raise InputError(f"{path}: no 'key: value' of a map; required: {', '.join(_NEEDS)}")
+            raise InputError(f"{path}: no 'key: value' of a map; required: {', '.join(needs)}")
         facts = _known(path, root)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f", line {mark.line + 1}" if mark else ""
         reason = getattr(error, "problem", None) or str(error)
         raise InputError(f"{path}{where}: not YAML: {reason}") from None
-    for key in _NEEDS:
+    for key in needs:
         if key not in facts:
-            raise InputError(f"{path}: {key} is missing; required: {', '.join(_NEEDS)}")
+            raise InputError(f"{path}: {key} is missing; required: {', '.join(needs)}")
     return facts
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from simloop.common.files import Batch, written_together
-from simloop.common.map_server import FREE_BELOW, OCCUPIED_ABOVE, MapCells, read_cells
+from simloop.common.map_server import FREE_BELOW, OCCUPIED_ABOVE, MapCells, known_cells
 from simloop.config import SlamConfig
 from simloop.mapping.grid_map import GridMap
 
@@ -30,10 +30,11 @@ def load_map(yaml_file: Path, config: SlamConfig) -> GridMap:
         The map.
 
     Raises:
-        InputError: A file is missing, truncated, or not a map.
+        InputError: A file is missing, truncated, or not a map, or it has more than
+            ``max_cells`` cells between those that are known.
     """
-    cells = read_cells(yaml_file)
-    upright, step = cells.upright(), cells.resolution_m
+    cells = known_cells(yaml_file, config.max_cells)
+    upright, step = cells.upright(config.max_cells), cells.resolution_m
     grid = GridMap.of(replace(config, resolution_m=step), upright.origin_m, upright.log_odds)
     if upright is not cells:
         _put_in_place(grid, cells)

@@ -25,12 +25,13 @@ from simloop.common.limits import (
     TEXT_CHARACTERS,
     check_limit,
 )
-from simloop.common.map_server import read_cells
+from simloop.common.map_server import known_cells
 from simloop.config import MOVED_KEYS, REMOVED_KEYS, Config
 from simloop.planners import registry
 from simloop.scenario.catalog import arena_files, planner_names, scenario_files
 from simloop.scenario.explain import one_line, short_value, shorten
 from simloop.scenario.scenario import ARENA_FILES, GAZEBO_FILES, Scenario
+from simloop.scenario.toml_text import parse_toml
 from simloop.worlds.gazebo.model_files import folders_of
 
 _BARE_WORD = re.compile(r"[A-Za-z_./][A-Za-z0-9_\-./]*\Z")
@@ -189,11 +190,13 @@ def read_toml(path: Path) -> dict[str, Any]:
         InputError: the file cannot be read or is not TOML.
     """
     try:
-        table = tomllib.loads(read_bytes(path, SCENARIO_BYTES).decode("utf-8-sig"))
-    except InputError:
-        raise
+        text = read_bytes(path, SCENARIO_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not a text file (byte {error.start} is not UTF-8)") from None
+    try:
+        table = parse_toml(text)
+    except InputError as error:
+        raise InputError(f"{path}, {error}") from None
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not valid TOML: {error}") from None
     except RecursionError:
@@ -244,7 +247,9 @@ def parse_value(value: str, text: str) -> Any:
         InputError: the value is neither.
     """
     try:
-        parsed = tomllib.loads(f"value = {value}")
+        parsed = parse_toml(f"value = {value}")
+    except InputError as error:
+        raise InputError(f"--set {shorten(text)}: {error}") from None
     except RecursionError:
         deep = f"nested more than {NESTING} deep"
         raise InputError(f"--set {text}: not a TOML value on the right: {deep}") from None
@@ -337,7 +342,7 @@ def _check_names(scenario: Scenario, *, source: str) -> None:
     if scenario.config.slam.prior_map:
         # The map is read only for its errors, which are then reported before anything runs. The
         # robot itself builds the grid with its search fields.
-        read_cells(Path(scenario.config.slam.prior_map))
+        known_cells(Path(scenario.config.slam.prior_map), scenario.config.slam.max_cells)
     elif not scenario.config.slam.extend_map:
         raise InputError(f"{source}: slam.extend_map: false needs a slam.prior_map")
     if arena.endswith(ARENA_FILES):

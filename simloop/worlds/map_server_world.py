@@ -24,7 +24,8 @@ def read_map_world(yaml_file: Path) -> Layout:
 
     Returns:
         The map's bounds and the boxes. Those of a map with a yaw are turned; the bounds are then
-        the least that hold it, and what they hold beside it is free.
+        the least that hold it, and what they hold beside it is free. A note tells if more than
+        half of the map is unknown.
 
     Raises:
         InputError: the file is not a map, is too large, or needs too many boxes. The text has one
@@ -50,8 +51,19 @@ def read_map_world(yaml_file: Path) -> Layout:
             box(x0 + c0 * step, y0 + r0 * step, x0 + c1 * step, y0 + r1 * step)
             for r0, c0, r1, c1 in found
         ]
-        return Layout((x0, y0, x0 + columns * step, y0 + rows * step), tuple(boxes))
-    return Layout(bounds, tuple(_turned_box(cells, *one) for one in found))
+        whole = (x0, y0, x0 + columns * step, y0 + rows * step)
+        return Layout(whole, tuple(boxes), notes=_notes(yaml_file, cells))
+    turned = tuple(_turned_box(cells, *one) for one in found)
+    return Layout(bounds, turned, notes=_notes(yaml_file, cells))
+
+
+def _notes(yaml_file: Path, cells: MapCells) -> tuple[str, ...]:
+    """Tell how much of the map is assumed, if it is most of it."""
+    unknown = cells.log_odds.size - np.count_nonzero(cells.log_odds)
+    percent = 100 * unknown // cells.log_odds.size  # 100 only if nothing is known
+    if 2 * unknown <= cells.log_odds.size:
+        return ()
+    return (f"{yaml_file.name}: {percent} % of the map is unknown: it counts as free",)
 
 
 def _turned_box(cells: MapCells, row: int, column: int, end_row: int, end_column: int) -> Obstacle:

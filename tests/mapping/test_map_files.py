@@ -14,6 +14,7 @@ from simloop.common.errors import InputError
 from simloop.config import SlamConfig
 from simloop.mapping.grid_map import BYTES_A_CELL, GridMap
 from simloop.mapping.map_files import load_map, save_map
+from simloop.scenario.load import load
 
 CONFIG = SlamConfig()
 seeds = st.integers(0, 2**32 - 1)
@@ -130,3 +131,34 @@ def test_the_grid_does_not_grow_beyond_its_bound_and_keeps_what_fits():
     assert held < BYTES_A_CELL * 40_000
     assert grid.occupied.any()
     assert np.all(grid.surfaces() >= grid.origin_m)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.5])
+def test_only_the_known_part_of_a_large_map_counts(tmp_path, yaw):
+    small = replace(CONFIG, max_cells=10_000)
+    cells = np.full((300, 300), 205, np.uint8)
+    cells[200:260, 40:90] = 254
+    cells[210, 50:80] = 0
+    text = f"image: m.pgm\nresolution: 0.1\norigin: [1, 2, {yaw}]\nnegate: 0\n"
+    path = write(tmp_path, b"P5 300 300 255\n" + cells.tobytes(), text)
+    whole, read = load_map(path, CONFIG), load_map(path, small)
+    assert read.log_odds.size <= 20_000 < whole.log_odds.size  # padded to whole chunks
+    apart = whole.surfaces()[:, None] - read.surfaces()[None]
+    apart = np.hypot(apart[..., 0], apart[..., 1])
+    # A turned map is sampled on another grid: a wall of one cell can lose some of its points.
+    assert min(apart.shape) >= 25
+    assert max(apart.min(axis=0).max(), apart.min(axis=1).max()) < (0.15 if yaw else 1e-9)
+    cells[0, 0] = cells[-1, -1] = 254
+    path = write(tmp_path, b"P5 300 300 255\n" + cells.tobytes(), text)
+    for reading in (
+        lambda: load_map(path, small),
+        lambda: load("open", [f'slam.prior_map="{path}"', "slam.max_cells=10000"]),
+    ):
+        with pytest.raises(InputError, match=r"slam\.max_cells\): 90,000; at most 10,000"):
+            reading()
+
+
+def test_a_large_map_of_which_nothing_is_known_is_one_cell(tmp_path):
+    text = "image: m.pgm\nresolution: 0.1\norigin: [1, 2, 0]\nnegate: 0\n"
+    path = write(tmp_path, b"P5 300 300 255\n" + bytes([205]) * 90_000, text)
+    assert not load_map(path, replace(CONFIG, max_cells=10_000)).log_odds.any()

@@ -13,6 +13,7 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from simloop.cli import main
+from simloop.cli.world import build_shown
 from simloop.common.errors import InputError
 from simloop.scenario.load import load
 from simloop.worlds.gazebo_world import read_sdf
@@ -147,6 +148,6 @@ def test_the_command_line_finds_models_and_says_what_is_left_out(tmp_path):
     assert "goal (99, 0) is outside the arena" in str(found.exception)
     wanted = load(scenario, model_path=[tmp_path / "models"])
     shown = io.StringIO()
-    main._build(wanted, Console(file=shown, width=20))
+    build_shown(wanted, Console(file=shown, width=20))
     told = "what hangs higher than the robot (0.25 m) is left out: roof"
     assert f"note: room.world: {told}\n" in shown.getvalue()

@@ -1,0 +1,57 @@
+"""Build a scenario's world, and tell what was left out or assumed when it was read."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+
+from simloop.common.errors import InputError, printable
+
+if TYPE_CHECKING:
+    from simloop.scenario.build import World
+    from simloop.scenario.scenario import Scenario
+
+
+def build_shown(scenario: Scenario, notes: Console) -> World:
+    """Build a scenario's world, and print what was left out or assumed when it was read.
+
+    Args:
+        scenario: The scenario.
+        notes: The console to print to.
+
+    Returns:
+        The world.
+
+    Raises:
+        InputError: If it cannot be built, or MuJoCo cannot be loaded.
+    """
+    # MuJoCo fails on import if it cannot load MUJOCO_GL's back end.
+    try:
+        from simloop.scenario.build import build_world
+    except Exception as error:
+        name = os.environ.get("MUJOCO_GL")
+        if not name:
+            raise
+        raise InputError(
+            f"MUJOCO_GL={name}: cannot be loaded ({error}); choices: egl, osmesa, disable"
+        ) from None
+    from simloop.common.waiting import said_if_slow
+
+    with said_if_slow(notes, "building the world"):
+        world = build_world(scenario)
+    print_notes(notes, world.notes)
+    return world
+
+
+def print_notes(notes: Console, lines: Iterable[str]) -> None:
+    """Print what was left out of worlds or assumed.
+
+    Args:
+        notes: The console to print to.
+        lines: The sentences. They may quote a world's file.
+    """
+    for line in lines:
+        notes.print(f"note: {printable(line)}", markup=False, highlight=False, soft_wrap=True)
