@@ -35,6 +35,7 @@ _OVERLAP_M = 0.001  # penetration above which two geoms overlap
 _FEW_JOINTS = 8  # the vehicle's three, and some loose bodies
 _HEAP_BYTES = 2**29
 _MANY_BODIES = 500  # with more, the search for contacts needs more memory than MuJoCo takes
+_SAME_M = 1e-6
 _RIM_M = 0.2  # width of the floor beyond the bounds, on which walls stand
 
 
@@ -59,7 +60,7 @@ def arena_path(arena: str | Path) -> Path:
     Raises:
         ValueError: the file does not exist or the name is unknown; the error lists the names.
     """
-    if str(arena).endswith(".xml"):
+    if _is_file(arena):
         path = Path(arena)
         try:
             found = path.exists()
@@ -71,6 +72,11 @@ def arena_path(arena: str | Path) -> Path:
     if str(arena) not in arena_names():
         raise InputError(f"unknown arena {str(arena)!r}; the arenas are {', '.join(arena_names())}")
     return models_dir() / "arenas" / f"{arena}.xml"
+
+
+def _is_file(arena: str | Path) -> bool:
+    """Tell whether an arena is a file of its own, not one of the package's by its name."""
+    return str(arena).endswith(".xml")
 
 
 def assemble(layout: Layout, friction: float = 0.6) -> mujoco.MjSpec:
@@ -111,7 +117,7 @@ def assemble_with_notes(
     said: list[str] = []
     try:
         world = join(_read(path, layout, said))
-        if layout.bounds_m is not None:
+        if layout.bounds_m is not None and not _is_file(layout.arena):
             _resize(world, np.array(layout.bounds_m, np.float64))
         add_obstacles(world, layout.obstacles)
         if layout.terrain is not None:
@@ -133,6 +139,8 @@ def _read(path: Path, layout: Layout, said: list[str]) -> mujoco.MjSpec:
     numeric = arena.numeric("bounds")
     if layout.bounds_m is not None:
         bounds = np.array(layout.bounds_m, np.float64)
+        if _is_file(layout.arena):
+            _check_floor_below(bounds, rectangle)
     elif numeric is not None:
         bounds = np.array(list(numeric.data), np.float64)
     elif rectangle is not None:
@@ -244,6 +252,18 @@ def bounds_of_spec(world: mujoco.MjSpec) -> FloatArray:
     """
     numeric = world.numeric("bounds")
     return _checked_bounds(np.zeros(0) if numeric is None else np.array(list(numeric.data)))
+
+
+def _check_floor_below(bounds: FloatArray, rectangle: FloatArray | None) -> None:
+    """Raise InputError for a scenario's bounds (4,) beyond a floor that has an end."""
+    if rectangle is None:
+        return
+    low, high = rectangle[:2] - _SAME_M, rectangle[2:] + _SAME_M
+    if np.any(bounds[:2] < low) or np.any(bounds[2:] > high):
+        x0, y0, x1, y1 = rectangle
+        raise InputError(
+            f"bounds_m: reaches beyond the floor, which has x {x0:g} to {x1:g}, y {y0:g} to {y1:g}"
+        )
 
 
 def _checked_bounds(numbers: FloatArray) -> FloatArray:
