@@ -23,10 +23,11 @@ from simloop.config import PayloadConfig
 from simloop.messages import FloatArray
 from simloop.physics.engine import warnings_heard
 from simloop.worlds.layout import Layout
-from simloop.worlds.mjcf.join import join
+from simloop.worlds.mjcf.climb import Climb
+from simloop.worlds.mjcf.join import join, vehicle_spec
 from simloop.worlds.mjcf.reader import read_spec
 from simloop.worlds.mjcf.stands import Stands
-from simloop.worlds.mjcf_ground import add_loose, add_movers, add_terrain
+from simloop.worlds.mjcf_ground import add_loose, add_movers, add_terrain, climb_of
 from simloop.worlds.mjcf_obstacles import add_obstacles
 from simloop.worlds.obstacles import Obstacle
 from simloop.worlds.terrain import Loose, Terrain
@@ -116,7 +117,7 @@ def assemble_with_notes(
     check_limit(len(layout.loose), LOOSE_BODIES, "loose: bodies")
     said: list[str] = []
     try:
-        world = join(_read(path, layout, said))
+        world = join(_read(path, layout, climb_of(vehicle_spec(), friction), said))
         if layout.bounds_m is not None and not _is_file(layout.arena):
             _resize(world, np.array(layout.bounds_m, np.float64))
         add_obstacles(world, layout.obstacles)
@@ -130,12 +131,12 @@ def assemble_with_notes(
     return world, tuple(f"{path.name}: {printable(text, 400)}" for text in said)
 
 
-def _read(path: Path, layout: Layout, said: list[str]) -> mujoco.MjSpec:
+def _read(path: Path, layout: Layout, climb: Climb, said: list[str]) -> mujoco.MjSpec:
     """Read an arena's file and check it; the result has numeric bounds."""
     arena, model, notes = read_spec(path)
     said += notes
     _check_joints(arena)
-    rectangle = Stands(arena, model).classify(path, said)
+    rectangle = Stands(arena, model, climb).classify(path, said)
     numeric = arena.numeric("bounds")
     if layout.bounds_m is not None:
         bounds = np.array(layout.bounds_m, np.float64)
