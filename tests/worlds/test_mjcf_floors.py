@@ -107,12 +107,12 @@ def test_what_is_too_high_to_climb_is_no_ground_whatever_its_name(read, shape):
 
 def test_ramps_stairs_and_what_they_lead_to_are_ground(read):
     deck = '<geom name="ground_deck" type="box" size=".5 1 .05" pos="-2.5 0 .35"/>'
-    ramps = f"""<geom name="ground_ramp" type="mesh" mesh="ramp" pos="-4 0 0"/>
+    ramps = f"""<geom name="ground_slope" type="mesh" mesh="ramp" pos="-4 0 0"/>
         <geom name="ground_board" type="box" size=".6 .5 .02" euler="0 20 0" pos="3 0 .19"/>{deck}
         <geom name="ground_plate" type="box" size="1 .2 .01" pos="0 3 0.01"/>"""
     bits, said = read(ramps + STAIRS, f'<asset><mesh name="ramp" vertex="{RAMP}"/></asset>')
     assert "obstacle" not in said
-    assert bits == {f"ground_{n}": 3 for n in ("ramp", "board", "deck", *range(2, 6))} | {
+    assert bits == {f"ground_{n}": 3 for n in ("slope", "board", "deck", *range(2, 6))} | {
         "ground_1": 2,
         "ground_plate": 2,
     }

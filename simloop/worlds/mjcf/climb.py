@@ -29,7 +29,7 @@ class Climb(NamedTuple):
     angle_rad: float
 
 
-def climbed(solids: Sequence[Solid | None], climb: Climb) -> NDArray[np.bool_]:
+def climbed(solids: Sequence[Solid | None], climb: Climb, flat_m: float) -> NDArray[np.bool_]:
     """Tell which solids the vehicle can get onto, from the floor or from others that touch them.
 
     A solid is climbed where its upper side begins: the top of a box or a wall, the foot of a ramp.
@@ -40,6 +40,7 @@ def climbed(solids: Sequence[Solid | None], climb: Climb) -> NDArray[np.bool_]:
         solids: convex solids in map, over a floor at z = 0; None: ground in any case, which leads
             nowhere.
         climb: what the vehicle climbs.
+        flat_m: height up to which a solid is ground in any case, m.
 
     Returns:
         (N,) for each solid.
@@ -51,7 +52,7 @@ def climbed(solids: Sequence[Solid | None], climb: Climb) -> NDArray[np.bool_]:
         if solid is not None:
             high[number] = [solid.reach_m(axis) for axis in np.eye(3)]
             low[number] = [-solid.reach_m(-axis) for axis in np.eye(3)]
-            foot[number] = _foot_m(solid, climb.angle_rad)
+            foot[number] = 0.0 if high[number, 2] <= flat_m else _foot_m(solid, climb.angle_rad)
     reached = foot <= climb.height_m
     waiting = np.flatnonzero(reached).tolist()
     while waiting:

@@ -68,11 +68,13 @@ class Stands:
         ]
         solids = [
             None
-            if self._top(number) <= BELLY_M or self._model.geom_type[number] == int(_HFIELD)
+            if self._model.geom_type[number] == int(_HFIELD)
             else solid_of_model(self._model, self._data, number)
             for number in named
         ]
-        return {n for n, yes in zip(named, climbed(solids, self._climb), strict=True) if yes}
+        return {
+            n for n, yes in zip(named, climbed(solids, self._climb, BELLY_M), strict=True) if yes
+        }
 
     def classify(self, path: Path, said: list[str]) -> FloatArray | None:
         """Name the floor, and set the contacts of all geoms.
