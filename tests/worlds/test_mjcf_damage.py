@@ -67,7 +67,11 @@ def test_many_damaged_arenas_are_built_or_refused_in_one_line(folder, changes):
             "</replicate>",
             "number of <camera>",
         ),
-        ("", f'<replicate count="3999">{"<frame/><site/><light/>" * 2}</replicate>' * 9, "number of <frame>"),
+        (
+            "",
+            f'<replicate count="3999">{"<frame/><site/><light/>" * 2}</replicate>' * 9,
+            "number of <frame>",
+        ),
         (f"<default>{'<default/>' * 1000}</default>", "", "number of <default>"),
         (f"<asset>{'<material/>' * 10_001}</asset>", "", "number of <material>"),
         ('<custom><numeric name="q" size="1500000000" data="0"/></custom>', "", "numbers of"),
