@@ -66,13 +66,22 @@ JOURNAL_BYTES = 4 * 2**30
 """Size of a campaign's journal: a million runs without driven paths have some 2 GiB."""
 
 MJCF_ELEMENTS = 100_000
-"""Elements of an MJCF arena."""
+"""Elements of an MJCF arena, with all copies that ``<replicate>`` makes."""
 
 MJCF_GEOMS = 10_000
 """Geoms of an MJCF arena. MuJoCo's time to read them grows with the square of their number."""
 
 MJCF_BODIES = 4_000
 """Bodies of an MJCF arena, and copies that a ``<replicate>`` makes."""
+
+MJCF_OTHERS = 10_000
+"""Elements of any other kind in an MJCF arena, e.g. sites, joints, materials."""
+
+MJCF_CLASSES = 1_000
+"""Default classes of an MJCF arena. Each takes 36 kB."""
+
+MJCF_NUMERIC = 10_000
+"""Numbers in all ``<numeric>`` of an MJCF arena."""
 
 MJCF_REACH_M = 100_000.0
 """Largest coordinate or size in an MJCF arena, m. In single precision it is exact to 8 mm."""

@@ -31,6 +31,7 @@ logging.getLogger("PIL").addHandler(logging.NullHandler())
 # Spaces and comments, and a number. The possessive ``+`` never tries a shorter gap again, so the
 # time is linear in the length.
 _HEADER_NUMBER = re.compile(rb"(?:\s|#[^\n]*\n){0,65536}+(\d{1,10})(?!\d)")
+_ROUND = 1e-3  # of a floating-point pixel, less than half a step of 8 bits
 _COMMENT = re.compile(rb"#[^\n]*")
 
 
@@ -75,6 +76,8 @@ def read_picture(path: Path, most_pixels: int = PIXELS, *, as_shown: bool = True
             return _levels(ImageOps.exif_transpose(image) if as_shown else image)
         except MemoryError:
             raise InputError(f"{path}: takes more memory than there is") from None
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
         except Exception as error:
             # Pillow's readers raise whatever a damaged file makes them stumble over.
             raise InputError(f"{path}: damaged or cut off: {error}") from None
@@ -158,6 +161,13 @@ def _levels(image: Image.Image) -> Picture:
         shares = np.asarray(image)
         if not np.isfinite(shares).all():
             raise ValueError("a pixel is not a finite number")
+        low, high = float(shares.min()), float(shares.max())
+        if low < -_ROUND or high > 1.0 + _ROUND:
+            # What is white there cannot be told: 255, 65535, or a length in some unit.
+            raise InputError(
+                f"floating-point pixels from {low:.4g} to {high:.4g}; only 0 (black) to 1 (white) "
+                "are read: save it with 8 or 16 bits a pixel"
+            )
         return Picture(np.rint(np.clip(shares, 0.0, 1.0) * 65535.0).astype(np.uint16), 65535, None)
     if mode == "I":
         raise ValueError("32 bits a pixel; at most 16 are read")

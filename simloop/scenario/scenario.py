@@ -69,7 +69,8 @@ class Scenario:
         obstacles: obstacles in addition to the arena's own.
         clutter: further obstacles, drawn from the seed.
         generator: a whole world, drawn from the seed, instead of an arena.
-        bounds_m: x_min, y_min, x_max, y_max of the arena ``field``, or of a Gazebo world, m.
+        bounds_m: x_min, y_min, x_max, y_max of the arena ``field``, of an MJCF file, or of a
+            Gazebo world, m.
         model_path: folders of models that a Gazebo world includes, relative to the scenario's.
         may_be_closed_off: whether a goal that cannot be reached is accepted.
         terrain: ground that is not flat.
@@ -116,9 +117,12 @@ class Scenario:
         if self.model_path and not self.arena.endswith(GAZEBO_FILES):
             raise reject("model_path: only for a Gazebo world as the arena (.world, .sdf)")
         if self.bounds_m is not None:
-            sized = self.arena == "field" or self.arena.endswith(GAZEBO_FILES)
+            sized = self.arena == "field" or self.arena.endswith((".xml", *GAZEBO_FILES))
             if not sized or self.generator is not None:
-                raise reject("bounds_m: only for the arena field, or for a Gazebo world")
+                raise reject(
+                    "bounds_m: only for the arena field, an MJCF file, or a Gazebo world; the "
+                    "others have their own"
+                )
             if not has_area(self.bounds_m[:2], self.bounds_m[2:]):
                 raise reject("bounds_m: x_min, y_min must be below x_max, y_max")
         return self

@@ -23,10 +23,11 @@ from simloop.config import PayloadConfig
 from simloop.messages import FloatArray
 from simloop.physics.engine import warnings_heard
 from simloop.worlds.layout import Layout
-from simloop.worlds.mjcf.join import join
+from simloop.worlds.mjcf.climb import Climb
+from simloop.worlds.mjcf.join import join, vehicle_spec
 from simloop.worlds.mjcf.reader import read_spec
 from simloop.worlds.mjcf.stands import Stands
-from simloop.worlds.mjcf_ground import add_loose, add_movers, add_terrain
+from simloop.worlds.mjcf_ground import add_loose, add_movers, add_terrain, climb_of
 from simloop.worlds.mjcf_obstacles import add_obstacles
 from simloop.worlds.obstacles import Obstacle
 from simloop.worlds.terrain import Loose, Terrain
@@ -35,6 +36,7 @@ _OVERLAP_M = 0.001  # penetration above which two geoms overlap
 _FEW_JOINTS = 8  # the vehicle's three, and some loose bodies
 _HEAP_BYTES = 2**29
 _MANY_BODIES = 500  # with more, the search for contacts needs more memory than MuJoCo takes
+_SAME_M = 1e-6
 _RIM_M = 0.2  # width of the floor beyond the bounds, on which walls stand
 
 
@@ -59,7 +61,7 @@ def arena_path(arena: str | Path) -> Path:
     Raises:
         ValueError: the file does not exist or the name is unknown; the error lists the names.
     """
-    if str(arena).endswith(".xml"):
+    if _is_file(arena):
         path = Path(arena)
         try:
             found = path.exists()
@@ -71,6 +73,11 @@ def arena_path(arena: str | Path) -> Path:
     if str(arena) not in arena_names():
         raise InputError(f"unknown arena {str(arena)!r}; the arenas are {', '.join(arena_names())}")
     return models_dir() / "arenas" / f"{arena}.xml"
+
+
+def _is_file(arena: str | Path) -> bool:
+    """Tell whether an arena is a file of its own, not one of the package's by its name."""
+    return str(arena).endswith(".xml")
 
 
 def assemble(layout: Layout, friction: float = 0.6) -> mujoco.MjSpec:
@@ -110,8 +117,8 @@ def assemble_with_notes(
     check_limit(len(layout.loose), LOOSE_BODIES, "loose: bodies")
     said: list[str] = []
     try:
-        world = join(_read(path, layout, said))
-        if layout.bounds_m is not None:
+        world = join(_read(path, layout, climb_of(vehicle_spec(), friction), said))
+        if layout.bounds_m is not None and not _is_file(layout.arena):
             _resize(world, np.array(layout.bounds_m, np.float64))
         add_obstacles(world, layout.obstacles)
         if layout.terrain is not None:
@@ -124,15 +131,17 @@ def assemble_with_notes(
     return world, tuple(f"{path.name}: {printable(text, 400)}" for text in said)
 
 
-def _read(path: Path, layout: Layout, said: list[str]) -> mujoco.MjSpec:
+def _read(path: Path, layout: Layout, climb: Climb, said: list[str]) -> mujoco.MjSpec:
     """Read an arena's file and check it; the result has numeric bounds."""
     arena, model, notes = read_spec(path)
     said += notes
     _check_joints(arena)
-    rectangle = Stands(arena, model).classify(path, said)
+    rectangle = Stands(arena, model, climb).classify(path, said)
     numeric = arena.numeric("bounds")
     if layout.bounds_m is not None:
         bounds = np.array(layout.bounds_m, np.float64)
+        if _is_file(layout.arena):
+            _check_floor_below(bounds, rectangle)
     elif numeric is not None:
         bounds = np.array(list(numeric.data), np.float64)
     elif rectangle is not None:
@@ -244,6 +253,18 @@ def bounds_of_spec(world: mujoco.MjSpec) -> FloatArray:
     """
     numeric = world.numeric("bounds")
     return _checked_bounds(np.zeros(0) if numeric is None else np.array(list(numeric.data)))
+
+
+def _check_floor_below(bounds: FloatArray, rectangle: FloatArray | None) -> None:
+    """Raise InputError for a scenario's bounds (4,) beyond a floor that has an end."""
+    if rectangle is None:
+        return
+    low, high = rectangle[:2] - _SAME_M, rectangle[2:] + _SAME_M
+    if np.any(bounds[:2] < low) or np.any(bounds[2:] > high):
+        x0, y0, x1, y1 = rectangle
+        raise InputError(
+            f"bounds_m: reaches beyond the floor, which has x {x0:g} to {x1:g}, y {y0:g} to {y1:g}"
+        )
 
 
 def _checked_bounds(numbers: FloatArray) -> FloatArray:

@@ -20,6 +20,7 @@ from simloop.worlds.gazebo.model_files import ModelFiles
 from simloop.worlds.gazebo.models import WorldReader
 from simloop.worlds.gazebo.notes import Notes
 from simloop.worlds.gazebo.obstacles import obstacles_of
+from simloop.worlds.gazebo.outlines import Outlines
 from simloop.worlds.gazebo.shapes import Ground, ShapeReader
 from simloop.worlds.layout import Bounds, Layout
 from simloop.worlds.obstacles import Obstacle
@@ -63,8 +64,9 @@ def read_sdf(
                 check_limit(len(things), SHAPES, f"{file}: shapes")
     ground = ground_height(things, planes, ends_m[0] if ends_m else None, notes)
     obstacles: list[Obstacle] = []
+    outlines = Outlines()
     for one in standing(things, ground, notes):
-        made = obstacles_of(one, ground)
+        made = obstacles_of(one, ground, outlines)
         if not made:
             notes.add("what has no part at the robot's heights is left out", one.collision.model)
         obstacles += made

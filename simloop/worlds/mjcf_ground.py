@@ -16,6 +16,7 @@ from scipy.ndimage import gaussian_filter, zoom
 from simloop.common.grey_image import read_grey
 from simloop.messages import FloatArray
 from simloop.physics.track_theory import climbable_step, climbing_angle
+from simloop.worlds.mjcf.climb import Climb
 from simloop.worlds.mjcf.stands import BELLY_M, GROUND_BITS
 from simloop.worlds.movers.settings import Mover
 from simloop.worlds.terrain import HeightField, Loose, Ramp, Step, Terrain
@@ -75,6 +76,19 @@ def climbable_height(world: mujoco.MjSpec, friction: float) -> float:
     return climbable_step(
         friction, radius, max(x) - float(centre[0]), float(centre[0]) - min(x), float(centre[2])
     )
+
+
+def climb_of(world: mujoco.MjSpec, friction: float) -> Climb:
+    """Compute what the vehicle climbs, by plane statics.
+
+    Args:
+        world: the specification, with the vehicle in it.
+        friction: coefficient between tracks and ground.
+
+    Returns:
+        The highest step and the steepest slope.
+    """
+    return Climb(climbable_height(world, friction), climbing_angle_of(friction))
 
 
 def heights_of(field: HeightField) -> FloatArray:

@@ -192,3 +192,16 @@ def test_no_damage_breaks_the_reader(tmp_path, number, seed):
         assert "\n" not in str(error)
     else:
         assert read.levels.ndim == 2 and read.levels.max() <= read.white
+
+
+@pytest.mark.parametrize("levels", [[0.0, 3.0, 255.0], [0.0, 1.0, 1.01], [-0.5, 0.0, 1.0]])
+def test_floats_beyond_0_to_1_are_refused(tmp_path, levels):
+    Image.fromarray(np.array([levels], np.float32)).save(tmp_path / "f.tif")
+    with pytest.raises(InputError, match=r"f.tif: floating-point pixels from .*only 0 .* to 1"):
+        read_picture(tmp_path / "f.tif")
+
+
+def test_floats_of_0_to_1_are_shares_of_white(tmp_path):
+    Image.fromarray(np.array([[0.0, 0.5, 1.00001]], np.float32)).save(tmp_path / "f.tif")
+    picture = read_picture(tmp_path / "f.tif")
+    assert picture.levels.tolist() == [[0, 32768, 65535]] and picture.white == 65535

@@ -7,6 +7,7 @@ import pytest
 from helpers.gazebo import BOUNDS, box, collision, model, plan_of, pose, read, world
 from scipy import ndimage
 
+from simloop.common.errors import InputError
 from simloop.scenario.build import build_world
 from simloop.scenario.load import load
 from simloop.worlds.gazebo_world import read_sdf
@@ -186,3 +187,30 @@ def test_start_and_goal_near_the_rim_have_floor_around_them(tmp_path):
     built = build_world(load(file))
     assert built.floor.bounds_m == pytest.approx([-1.0, -1.1, 5.0, 3.1])
     assert read(tmp_path, world(POST)).bounds_m == BOUNDS
+
+
+@pytest.mark.parametrize("height", [-0.5, 0.0, 1.5])
+def test_an_included_ground_plane_tells_the_height_of_the_floor(tmp_path, height):
+    plane = f"<include><uri>model://ground_plane</uri>{pose(f'0 0 {height} 0 0 0')}</include>"
+    crate = model("crate", box(0.4, 0.4, 0.4), pose(f"2 0 {height + 0.2} 0 0 0"))
+    lintel = model("lintel", box(0.4, 2, 0.4), pose(f"4 0 {height + 1.2} 0 0 0"))
+    layout = read(tmp_path, world(plane, crate, lintel))
+    (found,) = layout.obstacles
+    assert found.position_m == (2.0, 0.0)
+    assert found.height_m == pytest.approx(0.4) and found.bottom_m == pytest.approx(0.0)
+    assert (f"the ground is at height {height:g} m" in " ".join(layout.notes)) == (height != 0.0)
+
+
+def test_an_included_ground_plane_that_is_not_level_is_refused(tmp_path):
+    plane = f"<include><uri>model://ground_plane</uri>{pose('0 0 0 0.2 0 0')}</include>"
+    with pytest.raises(InputError, match="ground_plane: a plane that is not level"):
+        read(tmp_path, world(plane, POST))
+
+
+def test_what_an_include_changes_and_is_not_used_is_said(tmp_path):
+    (tmp_path / "post").mkdir()
+    (tmp_path / "post" / "model.sdf").write_text(f"<sdf version='1.9'>{POST}</sdf>")
+    inside = "<uri>post</uri><experimental:params><collision element_id='l::c' action='remove'/>"
+    layout = read(tmp_path, world(f"<include>{inside}</experimental:params></include>"))
+    assert len(layout.obstacles) == 1
+    assert "<experimental:params> of an <include> is not used: post" in " ".join(layout.notes)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree as Xml
 
-from simloop.common.errors import InputError
+from simloop.common.errors import InputError, printable
 from simloop.common.limits import SHAPES, check_limit
 from simloop.messages import FloatArray
 from simloop.worlds.gazebo.frames import MODEL, WORLD, Scope
@@ -24,6 +24,11 @@ from simloop.worlds.gazebo.values import inverse, is_true, name_of, pose_of, rel
 from simloop.worlds.gazebo.xml_tree import read_tree
 
 _DEEPEST = 16  # models in models, and includes in includes
+_GROUND_PLANE = (
+    '<model name="ground_plane"><static>1</static><link name="link"><collision name="collision">'
+    "<geometry><plane><normal>0 0 1</normal></plane></geometry></collision></link></model>"
+)
+_OF_INCLUDE = ("uri", "name", "pose", "static", "placement_frame", "merge", "plugin")
 _UNIT = (1.0, 1.0, 1.0)
 
 
@@ -202,12 +207,20 @@ class WorldReader:
     def _included(
         self, where: str, include: Xml.Element, folder: Path, static: bool, depth: int
     ) -> _Model | None:
-        """Read an included model; None for the sun and the ground plane, which are left out."""
+        """Read an included model; None for the sun."""
         uri = (include.findtext("uri") or "").strip()
         plain = plain_name(uri)
         if plain is not None:
             self._notes.add("light and a flat floor are here anyway; left out", plain)
-            return None
+            if plain == "sun":
+                return None
+            # The plane tells the height of the floor, and so of all that stands on it.
+            plane = _overridden(Xml.fromstring(_GROUND_PLANE), include)
+            return self._model(where, plane, folder, static, depth)
+        named = (include.findtext("name") or uri.rstrip("/").rpartition("/")[2]).strip()
+        for part in include:
+            if part.tag not in _OF_INCLUDE:
+                self._notes.add(f"<{printable(part.tag, 40)}> of an <include> is not used", named)
         file = self._files.model(where, uri, folder)
         if file not in self._read:
             self._read[file] = root_of(file)

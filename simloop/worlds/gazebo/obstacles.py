@@ -18,7 +18,7 @@ from simloop.messages import FloatArray
 from simloop.worlds.cross_section import section_of
 from simloop.worlds.floor_plan import BAND_M, Section
 from simloop.worlds.gazebo.heights import Placed
-from simloop.worlds.gazebo.mesh_slice import outline_between
+from simloop.worlds.gazebo.outlines import Outlines
 from simloop.worlds.gazebo.shapes import Shell
 from simloop.worlds.obstacles import Obstacle, ShapeName
 from simloop.worlds.solids import Solid
@@ -33,12 +33,13 @@ _THIN_M = 1e-3  # least height of an obstacle
 _Outline = Callable[[float, float], list[Section]]
 
 
-def obstacles_of(one: Placed, ground_m: float) -> list[Obstacle]:
+def obstacles_of(one: Placed, ground_m: float, outlines: Outlines) -> list[Obstacle]:
     """Make the obstacles of a body.
 
     Args:
         one: the body; it reaches the heights of the robot.
         ground_m: height of the ground in map, m.
+        outlines: keeps the outlines of meshes for the other bodies of the world.
 
     Returns:
         The obstacles; none if no part of it is at the heights of the robot.
@@ -53,14 +54,14 @@ def obstacles_of(one: Placed, ground_m: float) -> list[Obstacle]:
             upright = _upright(one.body, bottom, top)
             if upright is not None:
                 return [upright]
-        return _layers(_outline_of(where, one.body, ground_m), bottom, top)
+        return _layers(_outline_of(where, one.body, ground_m, outlines), bottom, top)
     except InputError:
         raise
     except ValueError:
         raise InputError(f"{where}: a shape of an impossible size or place") from None
 
 
-def _outline_of(where: str, body: Solid | Shell, ground_m: float) -> _Outline:
+def _outline_of(where: str, body: Solid | Shell, ground_m: float, outlines: Outlines) -> _Outline:
     """Make the function that computes a body's outline between two heights over the ground."""
 
     def outline(low_m: float, high_m: float) -> list[Section]:
@@ -68,7 +69,7 @@ def _outline_of(where: str, body: Solid | Shell, ground_m: float) -> _Outline:
         if isinstance(body, Solid):
             section = section_of(body, band)
             return [] if section is None else [section]
-        polygons = outline_between(body.triangles, *band)
+        polygons = outlines.between(body, *band)
         if polygons is None:
             raise InputError(
                 f"{where}: a mesh whose outline at the robot's height is too intricate"

@@ -36,9 +36,22 @@ class Shell(NamedTuple):
 
     Attributes:
         triangles: (N, 3, 3) corners, m, counter-clockwise seen from outside.
+        mesh: file, part and scale; equal for meshes that differ only in their pose.
+        local: (N, 3, 3) the corners in the mesh's own frame, scaled, m.
+        pose: (4, 4) pose of that frame in map.
     """
 
     triangles: FloatArray
+    mesh: tuple[object, ...]
+    local: FloatArray
+    pose: FloatArray
+
+
+class _Mesh(NamedTuple):
+    """A scaled mesh: its triangles (N, 3, 3), and its bodies (V, 3) if all are convex."""
+
+    triangles: FloatArray
+    bodies: list[FloatArray] | None
 
 
 class Ground(NamedTuple):
@@ -65,6 +78,7 @@ class ShapeReader:
         """
         self._files = files
         self._meshes: dict[tuple[Path, str], FloatArray] = {}
+        self._scaled: dict[tuple[object, ...], _Mesh] = {}
         self._triangles = 0
 
     def bodies(self, collision: Collision) -> list[Body]:
@@ -107,25 +121,34 @@ class ShapeReader:
         triangles = self._meshes[file, part]
         self._triangles += len(triangles)
         check_limit(self._triangles, 2e6, f"{collision.where}: triangles of all meshes up to here")
-        if part and is_true(
+        centred = bool(part) and is_true(
             collision.where, "center", shape.findtext("submesh/center"), otherwise=False
-        ):
-            corners = triangles.reshape(-1, 3)
-            triangles = triangles - 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+        )
         scale = np.array(collision.scale)
         if shape.find("scale") is not None:
             scale = scale * child_numbers(collision.where, shape, "scale", 3)
         if not np.all(np.abs(scale) >= _LEAST_M):
             raise InputError(f"{collision.where}: a mesh with an impossible scale")
-        triangles = triangles * scale
-        if np.prod(scale) < 0.0:  # mirrored: the outside would be inside
-            triangles = triangles[:, ::-1]
-        bodies = convex_bodies(triangles)
-        if shape.get("optimization") == "convex_hull":
-            bodies = [triangles.reshape(-1, 3)]
-        if bodies is not None:
-            return [_hull(collision, vertices) for vertices in bodies]
-        return [Shell(triangles @ collision.pose[:3, :3].T + collision.pose[:3, 3])]
+        hull = shape.get("optimization") == "convex_hull"
+        key = (file, part, centred, hull, *scale.tolist())
+        if key not in self._scaled:
+            self._scaled[key] = _scaled(triangles, scale, centred, hull)
+        mesh, pose = self._scaled[key], collision.pose
+        if mesh.bodies is not None:
+            return [_hull(collision, vertices) for vertices in mesh.bodies]
+        placed = mesh.triangles @ pose[:3, :3].T + pose[:3, 3]
+        return [Shell(placed, key, mesh.triangles, pose)]
+
+
+def _scaled(triangles: FloatArray, scale: FloatArray, centred: bool, hull: bool) -> _Mesh:
+    """Scale triangles (N, 3, 3) by factors (3,), and find their convex bodies or their hull."""
+    if centred:
+        corners = triangles.reshape(-1, 3)
+        triangles = triangles - 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+    triangles = triangles * scale
+    if np.prod(scale) < 0.0:  # mirrored: the outside would be inside
+        triangles = triangles[:, ::-1]
+    return _Mesh(triangles, [triangles.reshape(-1, 3)] if hull else convex_bodies(triangles))
 
 
 def _size(collision: Collision, shape: Xml.Element) -> tuple[float, float, float]:

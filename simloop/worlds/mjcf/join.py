@@ -35,7 +35,7 @@ def join(arena: mujoco.MjSpec) -> mujoco.MjSpec:
     Returns:
         The world, not compiled. It has all materials that drawn obstacles use.
     """
-    world, vehicle = _look(), _vehicle()
+    world, vehicle = _look(), vehicle_spec()
     for key in fields_of(world.option):
         value = getattr(vehicle.option, key)
         setattr(world.option, key, value)
@@ -55,8 +55,12 @@ def join(arena: mujoco.MjSpec) -> mujoco.MjSpec:
 _KINDS = ("bodies", "geoms", "cameras", "numerics")
 
 
-def _vehicle() -> mujoco.MjSpec:
-    """Read the vehicle's file, without what it has only to be opened alone."""
+def vehicle_spec() -> mujoco.MjSpec:
+    """Read the vehicle's file, without what it has only to be opened alone.
+
+    Returns:
+        The vehicle, not compiled.
+    """
     models = models_dir()
     vehicle = mujoco.MjSpec.from_file(str(models / "tracked_ugv.xml"))
     vehicle.delete(vehicle.geom("ground"))

@@ -20,8 +20,11 @@ from simloop.common.limits import (
     ATTRIBUTE_CHARACTERS,
     HEIGHT_POINTS,
     MJCF_BODIES,
+    MJCF_CLASSES,
     MJCF_ELEMENTS,
     MJCF_GEOMS,
+    MJCF_NUMERIC,
+    MJCF_OTHERS,
     MJCF_REACH_M,
     NESTING,
     TEXTURE_PIXELS,
@@ -58,7 +61,7 @@ _LEFT_OUT = {
     "tendon": "tendons",
 }
 """Sections that an arena may have, and that have no part in a run. They are never parsed."""
-_MOST = {"geom": MJCF_GEOMS, "body": MJCF_BODIES}
+_MOST = {"geom": MJCF_GEOMS, "body": MJCF_BODIES, "default": MJCF_CLASSES}
 _REFUSED = {
     "attach": "write <include> instead",
     "composite": "write its bodies out",
@@ -98,6 +101,7 @@ class _Scan:
     elements: int = 0
     pixels: int = 0
     points: int = 0
+    numbers: int = 0
 
 
 def scan(path: Path) -> Source:
@@ -166,8 +170,8 @@ class _Reader:
         state, copies = self._state, self._copies[-1]
         depth = self._depth + len(self._copies)
         check_limit(depth, NESTING, f"{self._where()}: depth of nested elements")
-        state.elements += 1
-        check_limit(state.elements, MJCF_ELEMENTS, f"{self._where()}: elements")
+        state.elements += copies if self._out is None else 1
+        check_limit(state.elements, MJCF_ELEMENTS, f"{self._where()}: elements and their copies")
         if self._out is None and tag in _LEFT_OUT and len(self._copies) == 2:
             self._out = len(self._copies), self._parser.CurrentByteIndex
             state.left_out[_LEFT_OUT[tag]] = None
@@ -182,9 +186,9 @@ class _Reader:
             raise InputError(
                 f"{self._where()}: <{tag}> cannot be used in an arena: {_REFUSED[tag]}"
             )
-        if tag in _MOST:
-            state.counts[tag] = state.counts.get(tag, 0) + copies
-            check_limit(state.counts[tag], _MOST[tag], f"{self._where()}: number of <{tag}>")
+        state.counts[tag] = state.counts.get(tag, 0) + copies
+        most = _MOST.get(tag, MJCF_OTHERS)
+        check_limit(state.counts[tag], most, f"{self._where()}: number of <{printable(tag, 40)}>")
         self._check_numbers(attributes, tag == "numeric")
         self._check_sizes(tag, attributes)
         if tag == "include":
@@ -242,6 +246,10 @@ class _Reader:
             rows, columns = (_number(attributes.get(key, "0")) for key in ("nrow", "ncol"))
             state.points += int(abs(rows * columns))
             check_limit(state.points, HEIGHT_POINTS, f"{where}: points of height fields")
+        if tag == "numeric":
+            written = len(attributes.get("data", "").split())
+            state.numbers += int(max(written, abs(_number(attributes.get("size", "0")))))
+            check_limit(state.numbers, MJCF_NUMERIC, f"{where}: numbers of <numeric>")
         if tag == "mesh" and "builtin" in attributes:
             for word in attributes.get("params", "").split():
                 check_limit(abs(_number(word)), _MOST_PARAMETER, f"{where}: params")

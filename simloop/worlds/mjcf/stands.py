@@ -6,6 +6,7 @@ none. So the contact bits that an arena's file has cannot hide a wall from the r
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import mujoco
@@ -14,8 +15,10 @@ import numpy as np
 from simloop.common.errors import InputError, printable
 from simloop.messages import FloatArray
 from simloop.physics.vehicle_geoms import SEEN_GROUPS
+from simloop.worlds.mjcf.climb import Climb, climbed
 from simloop.worlds.mjcf.concave import is_concave
 from simloop.worlds.mjcf.reader import listed
+from simloop.worlds.solids import solid_of_model
 
 FLOOR_BITS, OBSTACLE_BITS, LOOSE_BITS = (2, 0), (1, 0), (1, 3)
 """contype and conaffinity. The hull has conaffinity 1 and the wheels 3: both touch obstacles, and
@@ -26,21 +29,25 @@ BELLY_M = 0.02
 _NAMED_FLAT_M, _FLAT_M = 0.01, 0.001
 _LEVEL = 1.0 - 1e-6
 _FINEST_CELL_M = 0.005
-_STANDING_NAMES = ("wall", "obstacle", "ground_", "loose_")
+_GROUND = "ground_"
+_STANDING_NAMES = ("wall", "obstacle", _GROUND, "loose_")
 _VEHICLE = 3  # conaffinity of the wheels; that of the hull is 1, and both have contype 0
 _UNSEEN = 2  # the geom group of decoration
 _PLANE, _BOX = mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_BOX
+_HFIELD = mujoco.mjtGeom.mjGEOM_HFIELD
+_NO_SOLID = (_PLANE, mujoco.mjtGeom.mjGEOM_SDF)
 
 
 class Stands:
     """Places and shapes of an arena's geoms, from its compiled model."""
 
-    def __init__(self, spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
+    def __init__(self, spec: mujoco.MjSpec, model: mujoco.MjModel, climb: Climb) -> None:
         """Compute the places.
 
         Args:
             spec: the arena.
             model: the same, compiled by itself.
+            climb: what the vehicle climbs; ``ground_*`` that is higher stands.
         """
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
@@ -49,6 +56,25 @@ class Stands:
         self._static = model.body_weldid[model.geom_bodyid] == 0
         self._up = data.geom_xmat[:, 8]
         self._noted: dict[str, list[str]] = {}
+        self._climb = climb
+        self._ground = self._climbed()
+
+    def _climbed(self) -> set[int]:
+        """List the geoms that are ground: by their names, if the vehicle can get onto them."""
+        named = [
+            number
+            for number, geom in enumerate(self._geoms)
+            if self._static[number] and geom.name.startswith(_GROUND) and geom.type not in _NO_SOLID
+        ]
+        solids = [
+            None
+            if self._model.geom_type[number] == int(_HFIELD)
+            else solid_of_model(self._model, self._data, number)
+            for number in named
+        ]
+        return {
+            n for n, yes in zip(named, climbed(solids, self._climb, BELLY_M), strict=True) if yes
+        }
 
     def classify(self, path: Path, said: list[str]) -> FloatArray | None:
         """Name the floor, and set the contacts of all geoms.
@@ -137,33 +163,47 @@ class Stands:
             raise InputError(
                 f"geom {name} is of type sdf, whose outline cannot be told: use a mesh"
             )
-        if self._static[number] and geom.name.startswith("ground_"):
-            self._check_cells(number, name)
+        if number in self._ground:
+            self._check_field(number, geom)
             return GROUND_BITS if self._top(number) > BELLY_M else FLOOR_BITS
-        if geom.type == mujoco.mjtGeom.mjGEOM_HFIELD:
+        if geom.type == _HFIELD:
             raise InputError(
                 f"geom {name} is a height field, which can only be ground: name it ground_*"
             )
         if not self._static[number]:
             return LOOSE_BITS
+        if geom.name.startswith(_GROUND):
+            self._note("too high or too steep for the robot to climb, so an obstacle", geom)
+            geom.name = self._free_name(f"obstacle_{geom.name}")
         return OBSTACLE_BITS
 
-    def _check_cells(self, number: int, name: str) -> None:
-        """Raise InputError for a height field so fine that contacts with it take very long."""
-        if int(self._model.geom_type[number]) != int(mujoco.mjtGeom.mjGEOM_HFIELD):
+    def _check_field(self, number: int, geom: mujoco.MjsGeom) -> None:
+        """Raise InputError for a height field so fine that contacts with it take very long.
+
+        Steep places in it are named: they are like walls, and are not on the floor plan.
+        """
+        if int(self._model.geom_type[number]) != int(_HFIELD):
             return
         field = self._model.geom_dataid[number]
         points = np.array([self._model.hfield_ncol[field], self._model.hfield_nrow[field]])
         cell = 2.0 * self._model.hfield_size[field, :2] / np.maximum(points - 1, 1)
         if cell.min() < _FINEST_CELL_M:
             raise InputError(
-                f"geom {name} is a height field with cells of {cell.min():.2g} m: the least is "
-                f"{_FINEST_CELL_M:g} m"
+                f"geom {_name(geom)} is a height field with cells of {cell.min():.2g} m: the "
+                f"least is {_FINEST_CELL_M:g} m"
             )
+        first = self._model.hfield_adr[field]
+        heights = self._model.hfield_data[first : first + points.prod()].reshape(points[::-1])
+        for axis, length in enumerate(cell[::-1]):
+            rise = self._model.hfield_size[field, 2] * np.abs(np.diff(heights, axis=axis)).max()
+            slope = math.atan2(rise, length)
+            if rise > self._climb.height_m and slope > self._climb.angle_rad:
+                self._note("ground too steep to climb in places; touching it is no contact", geom)
+                return
 
     def _top(self, number: int) -> float:
         """Compute an upper limit of a geom's height, m."""
-        if int(self._model.geom_type[number]) == int(mujoco.mjtGeom.mjGEOM_HFIELD):
+        if int(self._model.geom_type[number]) == int(_HFIELD):
             size = self._model.hfield_size[self._model.geom_dataid[number]]
             return float(self._data.geom_xpos[number, 2] + size[2])
         box = self._model.geom_aabb[number]
@@ -195,15 +235,17 @@ class Stands:
 
     def _rename(self, floor: mujoco.MjsGeom, floors: list[mujoco.MjsGeom]) -> None:
         """Give the floor its name, and other faces at its height names of ground."""
-        taken = {geom.name for geom in self._geoms}
         for number, geom in enumerate(floors):
-            if geom != floor and not geom.name.startswith("ground_"):
-                name = f"ground_{geom.name or number}"
-                while name in taken:
-                    name += "_"
-                geom.name = name
-                taken.add(name)
+            if geom != floor and not geom.name.startswith(_GROUND):
+                geom.name = self._free_name(f"{_GROUND}{geom.name or number}")
         floor.name = "floor"
+
+    def _free_name(self, name: str) -> str:
+        """Lengthen a name until no geom has it."""
+        taken = {geom.name for geom in self._geoms}
+        while name in taken:
+            name += "_"
+        return name
 
     def _rectangle(self, floor: mujoco.MjsGeom) -> FloatArray | None:
         """Compute the floor's least and greatest x and y (4,), m; None without an end."""
