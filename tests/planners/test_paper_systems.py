@@ -176,3 +176,10 @@ def test_the_printed_rule_begins_anew_each_frame():
         for previous in (None, old)
     )
     assert old.safe and fresh.waypoints_m.tobytes() == again.waypoints_m.tobytes()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_path_that_leaves_the_strip_of_known_discs_is_not_taken(seed):
+    """The deformed field knows the discs near the line to the goal; others block the way too."""
+    for one in scene("S3"):
+        assert is_safe(one, plan("ga_apf", one, seed))

@@ -141,7 +141,10 @@ class GaApf(RolloutPlanner):
         return done._replace(evaluations=spent)
 
     def _search(self, p: Problem, discs: FloatArray, state: State) -> Rollout:
-        """Evolve in the strip, and in wider strips while no path reaches the goal."""
+        """Evolve in the strip, and in wider strips while no path reaches the goal in safety.
+
+        A path may leave the strip, where the field does not know the discs.
+        """
         start, goal = np.array([p.start_x, p.start_y]), np.array([p.goal_x, p.goal_y])
         reach = math.dist(start, goal)
         if reach < 1e-9:
@@ -161,8 +164,9 @@ class GaApf(RolloutPlanner):
                 break
             herd = make_herd(size, len(found.along))
             generations += evolve(field, herd, idle, left, state)
-            done = self._fittest(field, herd)
-            if done.reached:
+            fittest = self._fittest(field, herd)
+            done = fittest if fittest.reached or not done.reached else done
+            if fittest.reached and _is_clear(p, fittest):
                 break
         return done._replace(evaluations=int(p.trials[0]) - before, generations=generations)
 
@@ -182,6 +186,14 @@ class GaApf(RolloutPlanner):
             return rollouts[0]._replace(candidates=shown)
         others = {id(one.path): one.path for one in valid[1:] if one.path is not valid[0].path}
         return valid[0]._replace(candidates=shown, others=tuple(others.values()))
+
+
+def _is_clear(p: Problem, done: Rollout) -> bool:
+    """Return whether one of the paths keeps the safe distance as a point's path."""
+    if p.field.size:  # it holds all obstacles, so the walk has kept clear of them
+        return True
+    point = p._replace(overhang_m=0.0)
+    return any(lack_of(point, path) == 0.0 for path in (done.path, *done.others))
 
 
 def _places_behind(p: Problem) -> list[tuple[float, float]]:
