@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from simloop.cli.apart import OWN_FILES, Redo, Repair, check_apart, check_redo
+from simloop.cli.apart import Redo, Repair, check_apart, check_redo, outputs_of
 from simloop.cli.common import (
     INTERRUPTED,
     JsonFile,
@@ -208,9 +208,11 @@ def bench_papers(
     """
     check_json(json_file)
     check_redo(redo)
-    own: dict[str, Path | None] = {f"{name} of --out": out / name for name in OWN_FILES}
+    from simloop.common.files import check_directory
+
+    check_directory(out, "--out")
     page_file = None if report is None else report / "index.html"
-    check_apart({**own, "--json": json_file, "--report": page_file}, ())
+    check_apart({**outputs_of(out), "--json": json_file, "--report": page_file}, ())
     from simloop.cli.runs import How
 
     how = How(workers or os.cpu_count() or 1, dask, redo is not None, repair)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from simloop.cli.apart import OWN_FILES, Redo, Repair, check_apart, check_redo
+from simloop.cli.apart import Redo, Repair, check_apart, check_redo, files_in, outputs_of
 from simloop.cli.common import INTERRUPTED, JsonFile, Overrides, check_json, write_json
 from simloop.cli.stopping import leaving_at_once, stopping
 from simloop.common.errors import InputError, printable
@@ -165,7 +165,7 @@ class _Outputs:
         if self.junit is not None:
             check_file(self.junit, "--junit")
         check_directory(self.folder, "--out")
-        written = {f"{name} of --out": self.folder / name for name in OWN_FILES}
+        written = outputs_of(self.folder)
         named = [name for cell in request.cells() for name in files_of(cell.load())]
         check_apart(
             {**written, "--junit": self.junit, "--json": self.json_file},
@@ -300,8 +300,9 @@ def _print_file(what: str, file: Path) -> None:
     Console().print(f"  {what:8} {file}", markup=False, highlight=False, soft_wrap=True)
 
 
-def _results(path: Path) -> tuple[Path, Path]:
-    return path, path / "results.parquet"
+def _results(path: Path) -> list[Path]:
+    """List the files of a campaign that is given by its folder or its file of results."""
+    return files_in(path) if path.is_dir() else [path, *files_in(path.parent)]
 
 
 def _compare(before: Path, after: Path, json_file: Path | None) -> int:

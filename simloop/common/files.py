@@ -18,15 +18,18 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
+from simloop.common.data_files import models_dir, scenarios_dir
 from simloop.common.errors import InputError
 
 _log = logging.getLogger(__name__)
 
 _NAME_KEPT = 40  # characters of a file's name that its temporary name keeps; names are limited
+_OWN = "a file of simloop itself"
 
 
 class FilePlan:
-    """Every file that a command reads and writes. Example:
+    """Every file that a command reads and writes. simloop's own models and scenarios always count
+    as read. Example:
 
     plan = FilePlan()
     plan.reads(scenario_file, "the scenario itself")
@@ -91,12 +94,12 @@ class FilePlan:
         for folder, flag in self._folders:
             check_directory(folder, flag)
         taken: dict[object, str] = {}
-        for path, what in self._read:
+        for path, what in (*self._read, *((path, _OWN) for path in _own_files())):
             taken |= dict.fromkeys(_identities(path), what)
         files: dict[str, str] = {}
         for path, flag in self._written:
             check_file(path, flag)
-            if _is_special(path):  # several outputs may go to a device such as /dev/null
+            if is_special(path):  # several outputs may go to a device such as /dev/null
                 continue
             names = _identities(path)
             for name in names:
@@ -114,6 +117,12 @@ class FilePlan:
                     raise InputError(f"{flag} {path}: lies below the file of {files[str(above)]}")
 
 
+def _own_files() -> list[Path]:
+    """List the models and scenarios that belong to simloop."""
+    folders = (models_dir(), scenarios_dir())
+    return [path for folder in folders for path in folder.rglob("*") if path.is_file()]
+
+
 def _identities(path: Path) -> list[object]:
     """List what tells two names of one file apart from two files: its path, its inode."""
     found: list[object] = []
@@ -124,8 +133,15 @@ def _identities(path: Path) -> list[object]:
     return found
 
 
-def _is_special(path: Path) -> bool:
-    """Return whether a path is a device, a FIFO or a socket, which cannot be replaced."""
+def is_special(path: Path) -> bool:
+    """Tell whether a path is a device, a FIFO or a socket, which cannot be replaced.
+
+    Args:
+        path: The path.
+
+    Returns:
+        Whether it is, also through a link. False if there is no such file.
+    """
     try:
         mode = os.stat(path).st_mode
     except (OSError, ValueError):
@@ -242,7 +258,7 @@ class Batch:
             InputError: If the file cannot be written, e.g. because the disk is full.
         """
         try:
-            if _is_special(path):  # a device or a pipe cannot be replaced
+            if is_special(path):  # a device or a pipe cannot be replaced
                 path.write_bytes(data)
                 return
             handle, partial = _open_new(path)
