@@ -18,7 +18,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from barn_worlds import LIMIT_S, ORGANISERS, Course, read_worlds, scenario_of
+from barn_worlds import LIMIT_S, ORGANISERS, Course, files_read, read_worlds, scenario_of
 from rich.console import Console
 
 from simloop.campaign.sweeps import check_once
@@ -258,10 +258,9 @@ def main(
     with leaving_at_once():
         check_json(json_file)
         check_once(indices or (), "--indices")
-        if not worlds.is_dir():
-            check_apart({"--json": json_file}, [worlds])
         if paths is not None and not paths.is_dir():
             raise InputError(f"--paths {paths}: no such folder")
+        check_apart({"--json": json_file}, files_read(worlds, paths))
         notes = Console(stderr=True)
         with checking(notes) as said:
             reading = read_worlds(

@@ -13,7 +13,7 @@ from simloop.common.errors import InputError
 OWN_FILES = ("journal.jsonl", "campaign.json", "results.parquet", "report.html")
 """The files of a campaign's folder."""
 
-_MORE_FILES = ("failures/**/*", "tables_*.json", "*.damaged*")
+_MORE_FILES = ("failures/**/*", "*.damaged*")
 
 Redo = Annotated[
     str | None,
@@ -61,14 +61,14 @@ def check_apart(outputs: Mapping[str, Path | None], inputs: Iterable[str | Path]
 
 
 def files_in(folder: Path) -> list[Path]:
-    """List the files of a campaign or of ``bench papers``.
+    """List the files of a campaign.
 
     Args:
         folder: The folder of its journal.
 
     Returns:
-        The files that every such folder has, whether or not they exist; then those that are there
-        of failed runs, of the papers' tables and of repairs.
+        The files that every such folder has, whether or not they exist; then the recordings of
+        failed runs and the copies of damaged files that are there.
     """
     found = [folder / name for name in OWN_FILES]
     for pattern in _MORE_FILES:

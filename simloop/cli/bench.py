@@ -143,11 +143,8 @@ def bench_planners(
         The exit code.
     """
     check_json(json_file)
-    from simloop.benchmarks.planners import bench
+    from simloop.benchmarks.planners import bench, tasks
 
-    maps = [name.removesuffix(".scen") for name in bench.names(scenes)]
-    page_file = None if report is None else report / "index.html"
-    check_apart({"--json": json_file, "--report": page_file}, [*bench.names(scenes), *maps])
     request = bench.Request(
         scenes=bench.names(scenes),
         planners=bench.names(planners),
@@ -157,6 +154,9 @@ def bench_planners(
         history=report is not None,
     )
     request.check()
+    page_file = None if report is None else report / "index.html"
+    outputs = {"--json": json_file, "--report": page_file}
+    check_apart(outputs, tasks.scene_files(request.scenes))
     if report is not None:
         from simloop.benchmarks.planners import page
 
@@ -208,11 +208,13 @@ def bench_papers(
     """
     check_json(json_file)
     check_redo(redo)
+    from simloop.benchmarks.papers import tables as paper_tables
     from simloop.common.files import check_directory
 
     check_directory(out, "--out")
+    kept = {f"{one.name} of --out": one for one in paper_tables.files(out).values()}
     page_file = None if report is None else report / "index.html"
-    check_apart({**outputs_of(out), "--json": json_file, "--report": page_file}, ())
+    check_apart({**outputs_of(out), **kept, "--json": json_file, "--report": page_file}, ())
     from simloop.cli.runs import How
 
     how = How(workers or os.cpu_count() or 1, dask, redo is not None, repair)
@@ -287,6 +289,7 @@ def bench_weights(
     from simloop.common.terminal import print_table
 
     bench.Request(scenes=(scene,), planners=(planner,)).check()
+    check_apart({"--json": json_file}, tasks.scene_files([scene]))
     done = weights.study(tasks.load_scene(scene)[0].instance, planner, count)
     header = ["", "measured", ""]
     print_table(Console(), f"{count} weights, {planner} on {scene}", header, weights.rows(done))
