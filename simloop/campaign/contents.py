@@ -4,23 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import json
-import re
 from collections.abc import Iterable
 from pathlib import Path
 
+from simloop.common.data_files import models_dir, scenarios_dir
 from simloop.common.errors import InputError
+from simloop.scenario.inputs import input_files
 from simloop.scenario.load import load, read_toml, resolve
 from simloop.scenario.save import to_toml
 from simloop.scenario.scenario import ARENA_FILES, Scenario
 
 _CHUNK = 2**20
-_MOST_TEXT = 64 * 2**20  # a larger file is hashed, but not searched for names of further files
-_MOST_NAMES = 10_000
-_TEXTS = (*ARENA_FILES, ".yml")
-_LONGEST_NAME = 4096
-_BETWEEN = re.compile(rb"[\s\"'<>=,\[\]{}]+")
-_SUFFIX = re.compile(rb"\.[A-Za-z0-9]{1,5}\Z")
-_FOLDER = re.compile(rb"(?:mesh|texture|asset)dir\s*=\s*[\"']([^\"']*)[\"']")
 
 
 def scenario_digest(name: str) -> str:
@@ -65,24 +59,37 @@ def files_of(scenario: Scenario) -> list[str]:
 
 
 def digests(scenarios: Iterable[Scenario]) -> dict[str, str]:
-    """Hash all files that scenarios name, with the files that these name in turn.
+    """Hash all files that scenarios are read from.
 
     Args:
         scenarios: Scenarios.
 
     Returns:
-        File -> hash of its bytes; only files that exist.
+        File -> hash of its bytes; only files that exist. The name of one of simloop's own files
+        begins with its folder there, so that it is the same for every installation.
     """
     found: dict[str, str] = {}
-    todo = list(dict.fromkeys(name for one in scenarios for name in files_of(one)))
-    while todo:
-        name = todo.pop()
-        path = Path(name)
-        if name not in found and path.is_file():
-            found[name] = _digest(path)
-            if path.suffix in _TEXTS and len(found) < _MOST_NAMES:
-                todo += _named_in(path)
+    seen = set()
+    for scenario in scenarios:
+        # The cells of a sweep mostly share their files, which are searched only once.
+        named = (scenario.arena, tuple(scenario.model_path), *files_of(scenario))
+        if named in seen:
+            continue
+        seen.add(named)
+        for path in input_files(scenario):
+            name = _name_of(path)
+            if name not in found and path.is_file():
+                found[name] = _digest(path)
     return dict(sorted(found.items()))
+
+
+def _name_of(path: Path) -> str:
+    """Name a file by its full path, or by its place among simloop's own files."""
+    real = path.resolve()
+    for folder in (models_dir(), scenarios_dir()):
+        if real.is_relative_to(folder.resolve()):
+            return f"{folder.name}/{real.relative_to(folder.resolve())}"
+    return str(real)
 
 
 def _digest(path: Path) -> str:
@@ -94,23 +101,3 @@ def _digest(path: Path) -> str:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     return whole.hexdigest()[:16]
-
-
-def _named_in(path: Path) -> list[str]:
-    """List the existing files that a world's description names: pictures, meshes, includes."""
-    with path.open("rb") as file:
-        text = file.read(_MOST_TEXT)
-    folders = [path.parent]
-    folders += [path.parent / one.decode("utf-8", "replace") for one in _FOLDER.findall(text)]
-    words = (one for one in _BETWEEN.split(text) if 2 < len(one) <= _LONGEST_NAME)
-    names = list(dict.fromkeys(one for one in words if _SUFFIX.search(one[-6:])))[:_MOST_NAMES]
-    found = []
-    for name in names:
-        for folder in folders:
-            try:
-                one = (folder / name.decode("utf-8", "replace")).resolve()
-                if one.is_file():
-                    found.append(str(one))
-            except (OSError, ValueError, RuntimeError):  # no possible name of a file
-                continue
-    return found

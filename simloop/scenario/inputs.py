@@ -9,11 +9,13 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from simloop.common.data_files import models_dir
 from simloop.common.errors import InputError
 from simloop.common.input_files import read_text
+from simloop.common.map_server import picture_of
 from simloop.scenario.catalog import arena_files
 from simloop.scenario.scenario import ARENA_FILES, Scenario
 from simloop.worlds.gazebo.model_files import VARIABLES
@@ -86,6 +88,8 @@ def _named_in(path: Path, top: Path, model_path: Sequence[str]) -> Iterator[Path
         names = [first or second for first, second in _NAMED.findall(text)]
         folders = ["", *_FOLDER.findall(text)]
     else:
+        with suppress(InputError):  # its reader reports it
+            yield from _existing(picture_of(path))
         names, folders = list(_yaml_names(text)), [""]
     for name in dict.fromkeys(names):
         for place in _places(name, (path.parent, top), folders, model_path):
