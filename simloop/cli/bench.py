@@ -17,6 +17,7 @@ from simloop.cli.apart import Redo, Repair, check_apart, check_redo, outputs_of
 from simloop.cli.common import (
     INTERRUPTED,
     JsonFile,
+    NumberOfWorkers,
     Overrides,
     check_json,
     compiling_shown,
@@ -45,9 +46,6 @@ Budget = Annotated[
 Plans = Annotated[
     int | None,
     typer.Option(min=1, max=10**5, help="The least number of plans of each planner on each scene."),
-]
-Workers = Annotated[
-    int, typer.Option(min=0, max=256, help="Number of processes; 0: as many as cores.")
 ]
 Report = Annotated[
     Path | None,
@@ -121,7 +119,7 @@ def bench_planners(
     planners: Planners = None,
     budget: Budget = None,
     seeds: Plans = None,
-    workers: Workers = 0,
+    workers: NumberOfWorkers = 0,
     report: Report = None,
 ) -> int:
     """Compare planners on the same tasks.
@@ -179,7 +177,7 @@ def bench_papers(
     out: Out = Path("runs/papers"),
     seeds: Annotated[str, typer.Option(metavar="A:B", help="The seeds from A to B-1.")] = "0:20",
     only: Only = None,
-    workers: Workers = 0,
+    workers: NumberOfWorkers = 0,
     dask: Dask = None,
     tables: Annotated[bool, typer.Option(help="Measure the papers' tables too.")] = True,
     redo: Redo = None,

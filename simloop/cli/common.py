@@ -16,6 +16,7 @@ from simloop.cli.edge import INTERRUPTED
 __all__ = [
     "INTERRUPTED",
     "JsonFile",
+    "NumberOfWorkers",
     "Overrides",
     "check_json",
     "compiling_shown",
@@ -33,6 +34,9 @@ Overrides = Annotated[
 ]
 JsonFile = Annotated[
     Path | None, typer.Option("--json", metavar="FILE", help="Write all figures as JSON.")
+]
+NumberOfWorkers = Annotated[
+    int, typer.Option(min=0, max=256, help="Number of processes; 0: as many as cores.")
 ]
 
 

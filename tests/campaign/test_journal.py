@@ -268,6 +268,14 @@ def test_results_of_wrong_types_are_refused(tmp_path, wrong):
         journal.read_results(tmp_path)
 
 
+@pytest.mark.parametrize("name", ["path_length_m", "shortest_path_m", "sim_time_s", "energy_j"])
+@pytest.mark.parametrize("value", ["long", [1.0], True])
+def test_results_with_a_figure_that_is_no_number_are_refused(tmp_path, name, value):
+    journal.write_results(tmp_path, [row(spec()) | {name: value}])
+    with pytest.raises(InputError, match=rf"results\.parquet: column {name}: not a number"):
+        journal.read_results(tmp_path)
+
+
 def mutate(random_, data):
     """Change a journal as disks, editors and kills do."""
     data = bytearray(data)

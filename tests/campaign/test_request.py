@@ -227,6 +227,27 @@ def test_wrong_input_leaves_nothing_behind(tmp_path, monkeypatch, capsys):
         assert room.read_text() == ROOM
 
 
+@pytest.mark.parametrize(
+    "more",
+    ["--seeds 0:20", "--sweep seed=1", "--planner tlbo", "--set goal=[1,1]", "--workers 2",
+     "--dask tcp://x", "--record-failures 3", "--no-report", "--repair", "open"],
+)  # fmt: skip
+def test_a_comparison_goes_with_json_only(tmp_path, monkeypatch, capsys, more):
+    words = ["--compare", tmp_path, tmp_path, "--json", tmp_path / "x.json", *more.split()]
+    code, error = command_line(monkeypatch, capsys, *words)
+    what = "SCENARIO" if more == "open" else more.split()[0].replace("--no-", "--")
+    assert code == 2 and f"not with {what}" in error
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("workers", ["-1", "257", "100000000"])
+def test_the_number_of_workers_has_bounds(tmp_path, monkeypatch, capsys, workers):
+    words = ("open", "--out", tmp_path / "out", "--workers", workers)
+    code, error = command_line(monkeypatch, capsys, *words)
+    assert code == 2 and "--workers" in error
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_comparison_replaces_no_file_of_either_campaign(tmp_path, monkeypatch, capsys):
     one = spec()
     folders = [tmp_path / "o1", tmp_path / "o2"]
