@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from simloop.common.errors import InputError
-from simloop.common.files import is_special
+from simloop.common.input_files import is_special
 from simloop.recording.outputs import Outputs
 
 

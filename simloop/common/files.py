@@ -18,8 +18,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from simloop.common.data_files import models_dir, scenarios_dir
+from simloop.common.data_files import own_files
 from simloop.common.errors import InputError
+from simloop.common.input_files import is_special
 
 _log = logging.getLogger(__name__)
 
@@ -94,7 +95,7 @@ class FilePlan:
         for folder, flag in self._folders:
             check_directory(folder, flag)
         taken: dict[object, str] = {}
-        for path, what in (*self._read, *((path, _OWN) for path in _own_files())):
+        for path, what in (*self._read, *((path, _OWN) for path in own_files())):
             taken |= dict.fromkeys(_identities(path), what)
         files: dict[str, str] = {}
         for path, flag in self._written:
@@ -117,12 +118,6 @@ class FilePlan:
                     raise InputError(f"{flag} {path}: lies below the file of {files[str(above)]}")
 
 
-def _own_files() -> list[Path]:
-    """List the models and scenarios that belong to simloop."""
-    folders = (models_dir(), scenarios_dir())
-    return [path for folder in folders for path in folder.rglob("*") if path.is_file()]
-
-
 def _identities(path: Path) -> list[object]:
     """List what tells two names of one file apart from two files: its path, its inode."""
     found: list[object] = []
@@ -131,22 +126,6 @@ def _identities(path: Path) -> list[object]:
         status = os.stat(path)
         found.append((status.st_dev, status.st_ino))
     return found
-
-
-def is_special(path: Path) -> bool:
-    """Tell whether a path is a device, a FIFO or a socket, which cannot be replaced.
-
-    Args:
-        path: The path.
-
-    Returns:
-        Whether it is, also through a link. False if there is no such file.
-    """
-    try:
-        mode = os.stat(path).st_mode
-    except (OSError, ValueError):
-        return False
-    return not stat.S_ISREG(mode) and not stat.S_ISDIR(mode)
 
 
 def check_file(path: Path, flag: str) -> None:
