@@ -83,6 +83,6 @@ def outputs_of(out: Path) -> dict[str, Path | None]:
         out: The folder of a journal.
 
     Returns:
-        The files of `files_in`, each by a name for error messages.
+        The files that every run of the command writes, each by a name for error messages.
     """
-    return {f"{one.relative_to(out)} of --out": one for one in files_in(out)}
+    return {f"{name} of --out": out / name for name in OWN_FILES}

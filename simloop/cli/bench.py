@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from simloop.cli.apart import Redo, Repair, check_apart, check_redo, outputs_of
+from simloop.cli.apart import Redo, Repair, check_apart, check_redo, files_in, outputs_of
 from simloop.cli.common import (
     INTERRUPTED,
     JsonFile,
@@ -213,6 +213,7 @@ def bench_papers(
     kept = {f"{one.name} of --out": one for one in paper_tables.files(out).values()}
     page_file = None if report is None else report / "index.html"
     check_apart({**outputs_of(out), **kept, "--json": json_file, "--report": page_file}, ())
+    check_apart({"--json": json_file}, files_in(out))
     from simloop.cli.runs import How
 
     how = How(workers or os.cpu_count() or 1, dask, redo is not None, repair)

@@ -184,6 +184,8 @@ class _Outputs:
             check_file(self.junit, "--junit")
         check_directory(self.folder, "--out")
         written = outputs_of(self.folder)
+        # Recordings and copies of an earlier start of this campaign are there to be kept.
+        check_apart({"--junit": self.junit, "--json": self.json_file}, files_in(self.folder))
         named = [name for cell in request.cells() for name in files_of(cell.load())]
         check_apart(
             {**written, "--junit": self.junit, "--json": self.json_file},

@@ -211,7 +211,7 @@ def test_wrong_input_leaves_nothing_behind(tmp_path, monkeypatch, capsys):
         ((*quick, "--set", "goal=[99.0,0.0]"), "outside the arena"),
         ((*quick, "--set", "start=[99.0,0.0,0.0]"), "outside the arena"),
         ((*quick, "--json", room), "overwrite the input"),
-        ((*quick, "--junit", out / "journal.jsonl"), "overwrite the output of journal"),
+        ((*quick, "--junit", out / "journal.jsonl"), "journal.jsonl"),
         (
             (*quick, "--junit", tmp_path / "x", "--json", tmp_path / "x"),
             "overwrite the output of --junit",
