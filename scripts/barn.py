@@ -9,6 +9,7 @@ succeeds within 1 m of the goal. It fails at any contact, and after 100 s.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
@@ -18,12 +19,12 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from barn_worlds import LIMIT_S, ORGANISERS, Course, read_worlds, scenario_of
+from barn_worlds import LIMIT_S, ORGANISERS, Course, files_read, read_worlds, scenario_of
 from rich.console import Console
 
 from simloop.campaign.sweeps import check_once
 from simloop.cli.apart import check_apart
-from simloop.cli.common import INTERRUPTED, check_json, write_json
+from simloop.cli.common import INTERRUPTED, NumberOfWorkers, check_json, write_json
 from simloop.cli.main import run_command
 from simloop.cli.stopping import leaving_at_once, stopping
 from simloop.common import pool
@@ -234,7 +235,7 @@ def main(
         Path | None, typer.Option(help="Folder of path_N.npy. Default: path_files at the worlds.")
     ] = None,
     seeds: Annotated[int, typer.Option(min=1)] = 4,
-    workers: Annotated[int, typer.Option(min=1)] = 1,
+    workers: NumberOfWorkers = 1,
     json_file: Annotated[Path | None, typer.Option("--json")] = None,
     overrides: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE")] = None,
 ) -> int:
@@ -246,7 +247,7 @@ def main(
         indices: Names of the worlds to run; None: all.
         paths: Folder of the organisers' paths; None: at the worlds.
         seeds: Number of runs of each world, with the seeds from 0 on.
-        workers: Number of processes.
+        workers: Number of processes; 0: the number of cores.
         json_file: File for the results; None: no file.
         overrides: Settings as ``key=value``.
 
@@ -259,10 +260,9 @@ def main(
     with leaving_at_once():
         check_json(json_file)
         check_once(indices or (), "--indices")
-        if not worlds.is_dir():
-            check_apart({"--json": json_file}, [worlds])
         if paths is not None and not paths.is_dir():
             raise InputError(f"--paths {paths}: no such folder")
+        check_apart({"--json": json_file}, files_read(worlds, paths))
         notes = Console(stderr=True)
         with checking(notes) as said:
             reading = read_worlds(
@@ -273,9 +273,10 @@ def main(
         for line in yardsticks(chosen):
             print(line)
         runs: list[Run] = []
+        processes = workers or os.cpu_count() or 1
         note = "stopping: the runs under way are finished; once more to end at once"
         with counting(notes, "runs", len(chosen) * seeds) as show, stopping(note) as stop:
-            for run in run_all(chosen, seeds, tuple(overrides or ()), workers, stop):
+            for run in run_all(chosen, seeds, tuple(overrides or ()), processes, stop):
                 runs.append(run)
                 show(len(runs))
             stopped = stop()

@@ -19,6 +19,7 @@ from simloop.common.limits import SHAPES, TEXT_BYTES, check_limit
 from simloop.evaluation.shortest_path import shortest_path
 from simloop.messages import FloatArray
 from simloop.scenario.build import build_world
+from simloop.scenario.inputs import files_behind
 from simloop.scenario.load import apply_override, from_table
 from simloop.scenario.scenario import Scenario
 from simloop.worlds.gazebo_world import read_sdf
@@ -99,6 +100,29 @@ def read_worlds(
         else:
             found[name] = _from_table(name, source, path)
         progress(len(found), len(wanted))
+    return found
+
+
+def files_read(path: Path, paths: Path | None = None) -> list[Path]:
+    """List the files that `read_worlds` reads, for all worlds together.
+
+    Args:
+        path: As for `read_worlds`.
+        paths: As for `read_worlds`.
+
+    Returns:
+        The file of the worlds; or for a folder each world, the files that it names, and each place
+        where its path may be, whether or not there is one.
+
+    Raises:
+        InputError: The folder contains no worlds.
+    """
+    if not path.is_dir():
+        return [path]
+    found: list[Path] = []
+    for name, file in _gazebo_files(path).items():
+        found += files_behind(file, "a world")
+        found += [folder / f"path_{name}.npy" for folder in _path_folders(file, paths)]
     return found
 
 
@@ -203,12 +227,16 @@ def _from_gazebo(name: str, file: Path, paths: Path | None) -> Course:
         raise InputError(f"{file}: cylinders of {len(sizes)} sizes; in a BARN world all are equal")
     places = tuple(one.position_m for one in obstacles)
     course = Course(name, places, 0.5 * sizes.pop(), _START, _GOAL, 0.0)
-    folders = [paths] if paths is not None else [file.parent / below for below in _PATH_FOLDERS]
-    for folder in folders:
+    for folder in _path_folders(file, paths):
         if (folder / f"path_{name}.npy").exists():
             length_m = _organisers_length_m(course, folder / f"path_{name}.npy")
             return replace(course, path_length_m=length_m)
     return replace(course, path_length_m=_shortest_length_m(course), yardstick=SHORTEST)
+
+
+def _path_folders(file: Path, paths: Path | None) -> list[Path]:
+    """List the folders in which the organisers' path of a world may be."""
+    return [paths] if paths is not None else [file.parent / below for below in _PATH_FOLDERS]
 
 
 def _organisers_length_m(course: Course, file: Path) -> float:

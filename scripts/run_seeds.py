@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from contextlib import closing
 from pathlib import Path
 from typing import Annotated, Any
@@ -21,7 +22,7 @@ from simloop.campaign.spec import Request
 from simloop.campaign.sweeps import parse_seeds
 from simloop.campaign.work import check_worlds
 from simloop.cli.apart import check_apart
-from simloop.cli.common import INTERRUPTED, check_json
+from simloop.cli.common import INTERRUPTED, NumberOfWorkers, check_json
 from simloop.cli.main import run_command
 from simloop.cli.stopping import leaving_at_once, stopping
 from simloop.cli.world import print_notes
@@ -86,7 +87,7 @@ def summarise(runs: list[dict[str, Any]]) -> str:
 def main(
     scenario: Annotated[str, typer.Argument(help="A scenario's name, or a TOML file.")],
     seeds: Annotated[str, typer.Option(metavar="A:B", help="From A to B - 1.")] = "0:50",
-    workers: Annotated[int, typer.Option(min=1)] = 1,
+    workers: NumberOfWorkers = 1,
     overrides: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE")] = None,
     json_file: Annotated[Path | None, typer.Option("--json")] = None,
 ) -> int:
@@ -96,7 +97,7 @@ def main(
     Args:
         scenario: The scenario.
         seeds: The range of the seeds.
-        workers: Number of processes.
+        workers: Number of processes; 0: the number of cores.
         overrides: Settings as ``key=value``.
         json_file: File for the metrics of each run; None: no file.
 
@@ -114,10 +115,11 @@ def main(
         check_apart({"--json": json_file}, input_files(cell.load(), resolve(scenario)))
         print_notes(Console(stderr=True), check_worlds([cell], request.seeds))
         jobs = [(scenario, list(request.overrides), seed) for seed in range(*request.seeds)]
+        processes = workers or os.cpu_count() or 1
         note = "stopping: the runs under way are finished; once more to end at once"
         with stopping(note) as stop:
             done = pool.run_all(
-                jobs, run_one, pool.local_workers(workers), when_lost=_lost, stop=stop
+                jobs, run_one, pool.local_workers(processes), when_lost=_lost, stop=stop
             )
             with closing(done):
                 runs = [run for _, run in done]

@@ -7,6 +7,7 @@ import json
 from collections.abc import Iterable
 from pathlib import Path
 
+from simloop.common.data_files import models_dir, scenarios_dir
 from simloop.common.errors import InputError
 from simloop.scenario.inputs import named_files
 from simloop.scenario.load import load, read_toml, resolve
@@ -37,15 +38,26 @@ def scenario_digest(name: str) -> str:
 
 
 def digests(scenarios: Iterable[Scenario]) -> dict[str, str]:
-    """Hash all files that scenarios name, with the files that these name in turn.
+    """Hash all files that scenarios are read from.
 
     Args:
         scenarios: Scenarios.
 
     Returns:
-        File -> hash of its bytes; only files that exist.
+        File -> hash of its bytes; only files that exist. The name of one of simloop's own files
+        begins with its folder there, so that it is the same for every installation.
     """
-    return {str(path): _digest(path) for path in sorted(named_files(scenarios)) if path.is_file()}
+    files = [path for path in named_files(scenarios) if path.is_file()]
+    return dict(sorted((_name_of(path), _digest(path)) for path in files))
+
+
+def _name_of(path: Path) -> str:
+    """Name a file by its full path, or by its place among simloop's own files."""
+    real = path.resolve()
+    for folder in (models_dir(), scenarios_dir()):
+        if real.is_relative_to(folder.resolve()):
+            return f"{folder.name}/{real.relative_to(folder.resolve())}"
+    return str(real)
 
 
 def _digest(path: Path) -> str:

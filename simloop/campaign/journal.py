@@ -20,6 +20,7 @@ from typing import IO, Any, Protocol
 
 from simloop.campaign.journal_lines import Damaged, scan
 from simloop.campaign.spec import RunSpec
+from simloop.campaign.summary import wrong_column
 from simloop.campaign.work import ERROR, Row
 from simloop.common.errors import InputError
 from simloop.common.files import check_directory, write_bytes, write_text
@@ -380,6 +381,8 @@ def read_results(path: Path) -> list[Row]:
     ):
         columns = ", ".join(f"{name} ({kind.__name__})" for name, kind in _NEEDED.items())
         raise InputError(f"{file}: not a campaign's results; it needs rows with {columns}")
+    if name := wrong_column(rows):
+        raise InputError(f"{file}: column {name}: not a number in every row")
     return rows
 
 

@@ -171,7 +171,7 @@ class Request:
 
         Returns:
             Its values by name, the versions of the packages, and ``contents``: a hash of each
-            scenario and of each file that the scenarios name.
+            scenario and of each file that the scenarios are read from.
         """
         asked = {
             key: list(value) if isinstance(value, tuple) else value

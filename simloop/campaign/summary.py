@@ -121,6 +121,25 @@ def figure_of(row: Row, name: str) -> float | None:
     return float(value) if numeric else None  # type: ignore[arg-type]
 
 
+def wrong_column(rows: Sequence[Row]) -> str:
+    """Find a column of numbers that holds something else.
+
+    Args:
+        rows: Rows.
+
+    Returns:
+        The first of ``NUMBERS`` of which a value is neither a number nor None; empty if there is
+        none.
+    """
+    for name in NUMBERS:
+        for value in (row.get(name) for row in rows):
+            if value is not None and (
+                not isinstance(value, int | float) or isinstance(value, bool)
+            ):
+                return name
+    return ""
+
+
 def spread(values: Sequence[float]) -> dict[str, float]:
     """Describe how values are distributed.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated
@@ -13,6 +12,8 @@ from simloop.common.errors import InputError
 
 OWN_FILES = ("journal.jsonl", "campaign.json", "results.parquet", "report.html")
 """The files of a campaign's folder."""
+
+_MORE_FILES = ("failures/**/*", "*.damaged*")
 
 Redo = Annotated[
     str | None,
@@ -38,33 +39,50 @@ def check_redo(redo: str | None) -> None:
 
 
 def check_apart(outputs: Mapping[str, Path | None], inputs: Iterable[str | Path]) -> None:
-    """Refuse an output that would overwrite an input or another output.
+    """Refuse an output that cannot be written, or would overwrite an input or another output.
 
     Args:
         outputs: Files that are written, by the option (or the name) that gives them; None for an
             option that is not given.
-        inputs: Files that are read. Those that do not exist are left out.
+        inputs: Files that are read. They need not exist.
 
     Raises:
-        InputError: If two of them are the same file, also through links.
+        InputError: If an output cannot be written, is one of simloop's own files, or is the same
+            file as an input or another output, also through links.
     """
-    read = {_identity(Path(one)): str(one) for one in inputs if os.path.exists(one)}
-    written: dict[object, str] = {}
+    from simloop.common.files import FilePlan
+
+    plan = FilePlan()
+    for one in inputs:
+        plan.reads(Path(one), f"the input {one}")
     for option, path in outputs.items():
-        if path is None or (path.exists() and not path.is_file()):
-            continue  # a device such as /dev/null can be written twice
-        one = _identity(path)
-        if one in read:
-            raise InputError(f"{option} {path}: this would overwrite the input {read[one]}")
-        if one in written:
-            raise InputError(f"{option} {path}: the same file as {written[one]}")
-        written[one] = f"{option} {path}"
+        plan.writes(path, option)
+    plan.check()
 
 
-def _identity(path: Path) -> object:
-    """Identify a file by what it is, or by its full path if it does not exist."""
-    try:
-        status = path.stat()
-        return status.st_dev, status.st_ino
-    except OSError:
-        return os.path.realpath(path)
+def files_in(folder: Path) -> list[Path]:
+    """List the files of a campaign.
+
+    Args:
+        folder: The folder of its journal.
+
+    Returns:
+        The files that every such folder has, whether or not they exist; then the recordings of
+        failed runs and the copies of damaged files that are there.
+    """
+    found = [folder / name for name in OWN_FILES]
+    for pattern in _MORE_FILES:
+        found += sorted(path for path in folder.glob(pattern) if path.is_file())
+    return found
+
+
+def outputs_of(out: Path) -> dict[str, Path | None]:
+    """Name the files of the folder of ``--out`` for `check_apart`.
+
+    Args:
+        out: The folder of a journal.
+
+    Returns:
+        The files that every run of the command writes, each by a name for error messages.
+    """
+    return {f"{name} of --out": out / name for name in OWN_FILES}

@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from simloop.cli.apart import OWN_FILES, Redo, Repair, check_apart, check_redo
+from simloop.cli.apart import Redo, Repair, check_apart, check_redo, files_in, outputs_of
 from simloop.cli.bench_logs import bench_logs
 from simloop.cli.common import (
     INTERRUPTED,
     JsonFile,
+    NumberOfWorkers,
     Overrides,
     check_json,
     compiling_shown,
@@ -47,9 +48,6 @@ Budget = Annotated[
 Plans = Annotated[
     int | None,
     typer.Option(min=1, max=10**5, help="The least number of plans of each planner on each scene."),
-]
-Workers = Annotated[
-    int, typer.Option(min=0, max=256, help="Number of processes; 0: as many as cores.")
 ]
 Report = Annotated[
     Path | None,
@@ -125,7 +123,7 @@ def bench_planners(
     planners: Planners = None,
     budget: Budget = None,
     seeds: Plans = None,
-    workers: Workers = 0,
+    workers: NumberOfWorkers = 0,
     report: Report = None,
 ) -> int:
     """Compare planners on the same tasks.
@@ -147,11 +145,8 @@ def bench_planners(
         The exit code.
     """
     check_json(json_file)
-    from simloop.benchmarks.planners import bench
+    from simloop.benchmarks.planners import bench, tasks
 
-    maps = [name.removesuffix(".scen") for name in bench.names(scenes)]
-    page_file = None if report is None else report / "index.html"
-    check_apart({"--json": json_file, "--report": page_file}, [*bench.names(scenes), *maps])
     request = bench.Request(
         scenes=bench.names(scenes),
         planners=bench.names(planners),
@@ -161,6 +156,9 @@ def bench_planners(
         history=report is not None,
     )
     request.check()
+    page_file = None if report is None else report / "index.html"
+    outputs = {"--json": json_file, "--report": page_file}
+    check_apart(outputs, tasks.scene_files(request.scenes))
     if report is not None:
         from simloop.benchmarks.planners import page
 
@@ -183,7 +181,7 @@ def bench_papers(
     out: Out = Path("runs/papers"),
     seeds: Annotated[str, typer.Option(metavar="A:B", help="The seeds from A to B-1.")] = "0:20",
     only: Only = None,
-    workers: Workers = 0,
+    workers: NumberOfWorkers = 0,
     dask: Dask = None,
     tables: Annotated[bool, typer.Option(help="Measure the papers' tables too.")] = True,
     redo: Redo = None,
@@ -212,9 +210,14 @@ def bench_papers(
     """
     check_json(json_file)
     check_redo(redo)
-    own: dict[str, Path | None] = {f"{name} of --out": out / name for name in OWN_FILES}
+    from simloop.benchmarks.papers import tables as paper_tables
+    from simloop.common.files import check_directory
+
+    check_directory(out, "--out")
+    kept = {f"{one.name} of --out": one for one in paper_tables.files(out).values()}
     page_file = None if report is None else report / "index.html"
-    check_apart({**own, "--json": json_file, "--report": page_file}, ())
+    check_apart({**outputs_of(out), **kept, "--json": json_file, "--report": page_file}, ())
+    check_apart({"--json": json_file}, files_in(out))
     from simloop.cli.runs import How
 
     how = How(workers or os.cpu_count() or 1, dask, redo is not None, repair)
@@ -289,6 +292,7 @@ def bench_weights(
     from simloop.common.terminal import print_table
 
     bench.Request(scenes=(scene,), planners=(planner,)).check()
+    check_apart({"--json": json_file}, tasks.scene_files([scene]))
     done = weights.study(tasks.load_scene(scene)[0].instance, planner, count)
     header = ["", "measured", ""]
     print_table(Console(), f"{count} weights, {planner} on {scene}", header, weights.rows(done))

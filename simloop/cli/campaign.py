@@ -12,8 +12,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from simloop.cli.apart import OWN_FILES, Redo, Repair, check_apart, check_redo
-from simloop.cli.common import INTERRUPTED, JsonFile, Overrides, check_json, write_json
+from simloop.cli.apart import Redo, Repair, check_apart, check_redo, files_in, outputs_of
+from simloop.cli.common import (
+    INTERRUPTED,
+    JsonFile,
+    NumberOfWorkers,
+    Overrides,
+    check_json,
+    write_json,
+)
 from simloop.cli.stopping import leaving_at_once, stopping
 from simloop.cli.world import print_notes
 from simloop.common.errors import InputError, printable
@@ -43,9 +50,6 @@ Sweeps = Annotated[
         metavar="KEY=V1,V2,...",
         help="Values of a scenario key, or KEY=FIRST:LAST:STEP; repeatable, all combinations run.",
     ),
-]
-Workers = Annotated[
-    int | None, typer.Option(min=1, help="Number of processes. Default: the number of cores.")
 ]
 Dask = Annotated[
     str | None,
@@ -77,12 +81,13 @@ Compared = Annotated[
 
 
 def campaign(
+    context: typer.Context,
     scenarios: Scenarios = None,
     seeds: Seeds = "0:20",
     planner: Planners = None,
     sweep: Sweeps = None,
     overrides: Overrides = None,
-    workers: Workers = None,
+    workers: NumberOfWorkers = 0,
     dask: Dask = None,
     out: Out = None,
     require: Requirements = None,
@@ -106,6 +111,7 @@ def campaign(
     Each argument is the option of the same name; see its help text above.
 
     Args:
+        context: The command line, to tell which options were given.
         scenarios, seeds, planner, sweep, overrides: The runs.
         workers, dask: The processes that do the runs.
         out, require, junit, record_failures, report, json_file: The thresholds and the outputs.
@@ -122,8 +128,7 @@ def campaign(
     with leaving_at_once():
         check_json(json_file)
         if compare is not None:
-            if scenarios or out or require or junit or redo or repair:
-                raise InputError("--compare runs nothing; it goes with --json only")
+            _refuse_with_compare(context)
             return _compare(*compare, json_file)
         if not scenarios or out is None:
             raise InputError("campaign: give at least one SCENARIO and --out DIR, or --compare A B")
@@ -134,6 +139,19 @@ def campaign(
         outputs = _Outputs(out, junit, json_file, record_failures, report)
         how = How(workers or os.cpu_count() or 1, dask, redo is not None, repair)
         return _campaign(request, require or (), outputs, how)
+
+
+def _refuse_with_compare(context: typer.Context) -> None:
+    """Raise InputError for what is given beside --compare and --json."""
+    others = [
+        "SCENARIO" if one.param_type_name == "argument" else one.opts[0]
+        for one in context.command.params
+        if one.name not in ("compare", "json_file", "help", None)
+        and getattr(context.get_parameter_source(one.name), "name", "") == "COMMANDLINE"
+    ]
+    if others:
+        given = ", ".join(others)
+        raise InputError(f"--compare runs nothing; it goes with --json only, not with {given}")
 
 
 def _request(scenarios: Sequence[str], seeds: str, *rest: Sequence[str] | None) -> Request:
@@ -166,7 +184,9 @@ class _Outputs:
         if self.junit is not None:
             check_file(self.junit, "--junit")
         check_directory(self.folder, "--out")
-        written = {f"{name} of --out": self.folder / name for name in OWN_FILES}
+        written = outputs_of(self.folder)
+        # Recordings and copies of an earlier start of this campaign are there to be kept.
+        check_apart({"--junit": self.junit, "--json": self.json_file}, files_in(self.folder))
         sources = [resolve(one) for one in request.scenarios]
         check_apart(
             {**written, "--junit": self.junit, "--json": self.json_file},
@@ -303,8 +323,9 @@ def _print_file(what: str, file: Path) -> None:
     Console().print(f"  {what:8} {file}", markup=False, highlight=False, soft_wrap=True)
 
 
-def _results(path: Path) -> tuple[Path, Path]:
-    return path, path / "results.parquet"
+def _results(path: Path) -> list[Path]:
+    """List the files of a campaign that is given by its folder or its file of results."""
+    return files_in(path) if path.is_dir() else [path, *files_in(path.parent)]
 
 
 def _compare(before: Path, after: Path, json_file: Path | None) -> int:

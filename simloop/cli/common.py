@@ -16,6 +16,7 @@ from simloop.cli.edge import INTERRUPTED
 __all__ = [
     "INTERRUPTED",
     "JsonFile",
+    "NumberOfWorkers",
     "Overrides",
     "check_json",
     "compiling_shown",
@@ -33,6 +34,9 @@ Overrides = Annotated[
 ]
 JsonFile = Annotated[
     Path | None, typer.Option("--json", metavar="FILE", help="Write all figures as JSON.")
+]
+NumberOfWorkers = Annotated[
+    int, typer.Option(min=0, max=256, help="Number of processes; 0: as many as cores.")
 ]
 
 
@@ -78,21 +82,16 @@ def check_json(path: Path | None, read: Mapping[Path, str] | None = None) -> Non
 
     Args:
         path: The file; None if ``--json`` is not given.
-        read: Files that the command reads, each with what it is. simloop's own models and
-            scenarios always count as read.
+        read: Files that the command reads, each with what it is.
 
     Raises:
         InputError: If the file cannot be written, or is one of those that are read.
     """
-    from simloop.common.data_files import models_dir, scenarios_dir
     from simloop.common.files import FilePlan
 
     if path is None:
         return
     plan = FilePlan()
-    for folder in (models_dir(), scenarios_dir()):
-        own = (file for file in folder.rglob("*") if file.is_file())
-        plan.reads_all(dict.fromkeys(own, "a file of simloop itself"))
     plan.reads_all(read or {})
     plan.writes(path, "--json")
     plan.check()

@@ -16,7 +16,7 @@ import signal
 import sys
 import tempfile
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, TextIO
 
@@ -72,6 +72,7 @@ def _run(commands: Callable[..., Any]) -> int:
         note = prepare_kernel_cache()
         if note:
             print(f"note: {note}", file=sys.stderr)
+        _refuse_empty(sys.argv[1:])
         code = commands(standalone_mode=False) or 0
         sys.stdout.flush()
     except SystemExit as done:
@@ -81,6 +82,20 @@ def _run(commands: Callable[..., Any]) -> int:
     if code == INTERRUPTED:  # typer caught Ctrl-C, or a command reports that it was stopped
         raise KeyboardInterrupt
     return int(code)
+
+
+def _refuse_empty(arguments: Sequence[str]) -> None:
+    """Raise InputError for an empty value: as a path, it would be the current folder.
+
+    It mostly comes from a variable of the shell that is not set. No option takes an empty value.
+    """
+    option = ""
+    for text in arguments:
+        name, equals, value = text.partition("=")
+        if text.startswith("-") and text.strip("-"):
+            option = name
+        if not text or (equals and not value and name.startswith("-")):
+            raise InputError(f"{option or 'command line'}: an empty value; give a name or a path")
 
 
 def _is_told(error: Exception) -> bool:

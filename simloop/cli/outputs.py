@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from simloop.common.errors import InputError
+from simloop.common.input_files import is_special
 from simloop.recording.outputs import Outputs
 
 
@@ -18,7 +19,8 @@ def choose(
             different place.
         recording: The file of ``--record``.
         snapshots: The folder of ``--snapshots``.
-        result: The file of ``--json``. The effective scenario is written to the same directory.
+        result: The file of ``--json``. The effective scenario is written to the same directory,
+            unless this is a device or a pipe, whose directory is not the user's.
 
     Returns:
         The output files.
@@ -33,5 +35,6 @@ def choose(
         snapshots = snapshots or out / "snapshots"
         result = result or out / "result.json"
         return Outputs(recording, snapshots, result, out / "config.toml", out)
-    config = result.with_suffix(".config.toml") if result else None
+    beside = result is not None and not is_special(result)
+    config = result.with_suffix(".config.toml") if result is not None and beside else None
     return Outputs(recording, snapshots, result, config)

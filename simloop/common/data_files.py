@@ -31,6 +31,19 @@ def scenarios_dir() -> Path:
     return _data_dir("scenarios", ".")
 
 
+def own_files() -> list[Path]:
+    """List the models and scenarios that belong to simloop.
+
+    Returns:
+        All files of both directories.
+
+    Raises:
+        FileNotFoundError: If there is no such directory.
+    """
+    folders = (models_dir(), scenarios_dir())
+    return [path for folder in folders for path in folder.rglob("*") if path.is_file()]
+
+
 def _data_dir(name: str, witness: str) -> Path:
     places = (_PACKAGE / "_data" / name, _PACKAGE.parent / name)
     for place in places:

@@ -18,15 +18,19 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
+from simloop.common.data_files import own_files
 from simloop.common.errors import InputError
+from simloop.common.input_files import is_special
 
 _log = logging.getLogger(__name__)
 
 _NAME_KEPT = 40  # characters of a file's name that its temporary name keeps; names are limited
+_OWN = "a file of simloop itself"
 
 
 class FilePlan:
-    """Every file that a command reads and writes. Example:
+    """Every file that a command reads and writes. simloop's own models and scenarios always count
+    as read. Example:
 
     plan = FilePlan()
     plan.reads(scenario_file, "the scenario itself")
@@ -91,12 +95,12 @@ class FilePlan:
         for folder, flag in self._folders:
             check_directory(folder, flag)
         taken: dict[object, str] = {}
-        for path, what in self._read:
+        for path, what in (*self._read, *((path, _OWN) for path in own_files())):
             taken |= dict.fromkeys(_identities(path), what)
         files: dict[str, str] = {}
         for path, flag in self._written:
             check_file(path, flag)
-            if _is_special(path):  # several outputs may go to a device such as /dev/null
+            if is_special(path):  # several outputs may go to a device such as /dev/null
                 continue
             names = _identities(path)
             for name in names:
@@ -122,15 +126,6 @@ def _identities(path: Path) -> list[object]:
         status = os.stat(path)
         found.append((status.st_dev, status.st_ino))
     return found
-
-
-def _is_special(path: Path) -> bool:
-    """Return whether a path is a device, a FIFO or a socket, which cannot be replaced."""
-    try:
-        mode = os.stat(path).st_mode
-    except (OSError, ValueError):
-        return False
-    return not stat.S_ISREG(mode) and not stat.S_ISDIR(mode)
 
 
 def check_file(path: Path, flag: str) -> None:
@@ -242,7 +237,7 @@ class Batch:
             InputError: If the file cannot be written, e.g. because the disk is full.
         """
         try:
-            if _is_special(path):  # a device or a pipe cannot be replaced
+            if is_special(path):  # a device or a pipe cannot be replaced
                 path.write_bytes(data)
                 return
             handle, partial = _open_new(path)

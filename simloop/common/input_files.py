@@ -80,3 +80,19 @@ def read_text(path: Path, most_bytes: int = TEXT_BYTES) -> str:
         return read_bytes(path, most_bytes).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not text in UTF-8 (byte {error.start})") from None
+
+
+def is_special(path: Path) -> bool:
+    """Tell whether a path is a device, a FIFO or a socket, which cannot be replaced.
+
+    Args:
+        path: The path.
+
+    Returns:
+        Whether it is, also through a link. False if there is no such file.
+    """
+    try:
+        mode = os.stat(path).st_mode
+    except (OSError, ValueError):
+        return False
+    return not stat.S_ISREG(mode) and not stat.S_ISDIR(mode)

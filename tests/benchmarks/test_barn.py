@@ -221,3 +221,16 @@ def test_the_script_reports_wrong_input_in_one_line(tmp_path):
     for args in (["--worlds", tmp_path], ["--worlds", tmp_path / "none.json"], ["--wurlds", "x"]):
         ran = subprocess.run([sys.executable, script, *args], capture_output=True, text=True)
         assert ran.returncode == 2 and len(ran.stderr.strip().splitlines()) == 1, ran.stderr
+
+
+@pytest.mark.parametrize("paths", [".", "path_files", "elsewhere"])
+def test_no_output_replaces_a_world_or_a_path(tmp_path, paths):
+    folder_of_worlds(tmp_path, ("0", "1"))
+    (tmp_path / paths).mkdir(exist_ok=True)
+    np.save(tmp_path / paths / "path_1.npy", np.array([[24, 0], [24, 10]]))
+    given = tmp_path / paths if paths == "elsewhere" else None
+    for file in (tmp_path / "world_1.world", tmp_path / paths / "path_1.npy"):
+        before = file.read_bytes()
+        with pytest.raises(InputError, match=r"--json .* would overwrite"):
+            barn.main(tmp_path, indices=["0"], paths=given, json_file=file)
+        assert file.read_bytes() == before

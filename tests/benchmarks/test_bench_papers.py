@@ -328,3 +328,13 @@ def test_every_entry_of_the_table_gets_every_seed():
     assert len([one for one in entries if one.role == "own"]) == 13
     every = {(one.world, one.planner) for one in entries if one.group == "planners"}
     assert every >= {(world, name) for world in WORLDS for name in registry.available()}
+
+
+def test_no_output_is_a_file_of_the_benchmarks_folder(tmp_path, monkeypatch, capsys):
+    for name in ("tables_wu.json", "tables_weights.json", "journal.jsonl", "results.parquet"):
+        arguments = ["--out", str(tmp_path), "--json", str(tmp_path / name)]
+        monkeypatch.setattr("sys.argv", ["simloop", "bench", "papers", *arguments])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert ended.value.code == 2 and f"{name} of --out" in capsys.readouterr().err
+        assert list(tmp_path.iterdir()) == []

@@ -236,6 +236,22 @@ def test_wrong_input_ends_with_exit_code_two(monkeypatch, capsys, tmp_path):
     assert app is not None
 
 
+def test_a_planner_that_cannot_plan_in_a_scene_is_said(monkeypatch, capsys, tmp_path):
+    (tmp_path / "room.map").write_text("type octile\nheight 4\nwidth 4\nmap\n" + "....\n" * 4)
+    room, out = tmp_path / "room.map", tmp_path / "x.json"
+    for planners, code in (("exact", 2), ("exact,astar", 0)):
+        words = ["--scenes", room, "--planners", planners, "--seeds", "1", "--workers", "1"]
+        words = ["simloop", "bench", "planners", *map(str, words), "--json", str(out)]
+        monkeypatch.setattr("sys.argv", words)
+        with pytest.raises(SystemExit) as end:
+            main()
+        said = capsys.readouterr().err
+        assert end.value.code == code, said
+        assert "room.map: not for worlds of this kind, so left out: exact\n" in said
+        assert out.exists() == (code == 0)
+    assert list(json.loads(out.read_text())["scenes"]["room.map"]) == ["astar"]
+
+
 def test_the_page_holds_figures_pictures_and_the_papers_tables(tmp_path, monkeypatch):
     pytest.importorskip("jinja2")
     pytest.importorskip("matplotlib")

@@ -20,6 +20,7 @@ from simloop.benchmarks.planners.map_files import (
 )
 from simloop.benchmarks.planners.trials import settings as trial_settings
 from simloop.benchmarks.planners.trials import try_once
+from simloop.cli.main import main
 from simloop.common.errors import InputError
 
 MAP = "type octile\nheight 4\nwidth 6\nmap\n......\n.@@T..\n.@..W.\n......\n"
@@ -218,3 +219,25 @@ def test_a_missing_file_and_a_map_without_free_cells_are_refused(tmp_path):
     (tmp_path / "full.map").write_text(text_of(np.ones((3, 3), dtype=bool)))
     with pytest.raises(InputError, match="contains no free cell"):
         load_file(tmp_path / "full.map")
+
+
+def test_no_output_replaces_a_map_or_a_scenario(tmp_path, monkeypatch, capsys):
+    blocked = np.zeros((6, 6), dtype=bool)
+    (tmp_path / "room.map").write_text(text_of(blocked))
+    lines = "version 1\n0\troom.map\t6\t6\t0\t0\t5\t5\t7.0\n"
+    for name in ("room-random-1.scen", "room.map.scen"):
+        (tmp_path / name).write_text(lines)
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    for command in (("planners", "--scenes"), ("weights", "--scene")):
+        for scene, written in (
+            ("room-random-1.scen", "room.map"),
+            ("room-random-1.scen", "room-random-1.scen"),
+            ("room.map", "room.map.scen"),
+            ("room.map", "room.map"),
+        ):
+            arguments = [*command, tmp_path / scene, "--json", tmp_path / written]
+            monkeypatch.setattr("sys.argv", ["simloop", "bench", *map(str, arguments)])
+            with pytest.raises(SystemExit) as ended:
+                main()
+            assert ended.value.code == 2 and "would overwrite" in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before

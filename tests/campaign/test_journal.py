@@ -192,39 +192,6 @@ def test_an_edited_scenario_is_another_campaign_but_a_comment_is_none(tmp_path):
         pass
 
 
-WORLD = """<sdf version="1.6"><world name="w"><model name="post"><pose>{x} 2 0.4 0 0 0</pose>
-<link name="l"><collision name="c"><geometry><cylinder><radius>0.1</radius><length>0.8</length>
-</cylinder></geometry></collision></link></model></world></sdf>"""
-
-
-def test_an_edited_world_is_another_campaign_too(tmp_path):
-    world = tmp_path / "posts.world"
-    world.write_text(WORLD.format(x=2))
-    (tmp_path / "mine.toml").write_text(ROOM.replace('"open"', '"posts.world"'))
-    request, out = Request((str(tmp_path / "mine.toml"),), (0, 2)), tmp_path / "out"
-    with journal.Journal(out, request):
-        pass
-    world.write_text(WORLD.format(x=3))
-    with pytest.raises(InputError, match=r"posts\.world"), journal.Journal(out, request):
-        pass
-
-
-def test_a_picture_that_a_map_names_belongs_to_the_campaign(tmp_path):
-    from simloop.campaign.contents import digests
-    from simloop.scenario.load import load
-
-    (tmp_path / "hall.pgm").write_bytes(b"P5\n60 60\n255\n" + bytes([255]) * 3600)
-    (tmp_path / "hall.yaml").write_text(
-        "image: hall.pgm\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\n"
-        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
-    )
-    (tmp_path / "mine.toml").write_text(
-        'start = [2.0, 2.0, 0.0]\ngoal = [3.0, 2.0]\narena = "hall.yaml"\n'
-    )
-    found = digests([load(tmp_path / "mine.toml")])
-    assert [name.rpartition("/")[2] for name in found] == ["hall.pgm", "hall.yaml"]
-
-
 def test_another_version_is_another_campaign(folder):
     asked = folder / "campaign.json"
     table = json.loads(asked.read_text())
@@ -298,6 +265,14 @@ def test_a_journal_that_is_no_file_is_refused(tmp_path):
 def test_results_of_wrong_types_are_refused(tmp_path, wrong):
     journal.write_results(tmp_path, [row(spec()) | wrong])
     with pytest.raises(InputError, match=r"results\.parquet: not a campaign's results"):
+        journal.read_results(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["path_length_m", "shortest_path_m", "sim_time_s", "energy_j"])
+@pytest.mark.parametrize("value", ["long", [1.0], True])
+def test_results_with_a_figure_that_is_no_number_are_refused(tmp_path, name, value):
+    journal.write_results(tmp_path, [row(spec()) | {name: value}])
+    with pytest.raises(InputError, match=rf"results\.parquet: column {name}: not a number"):
         journal.read_results(tmp_path)
 
 

@@ -9,13 +9,14 @@ from xml.etree import ElementTree as Xml
 
 import pytest
 
-from simloop.campaign import closer_look, execute, junit, summary, thresholds
+from simloop.campaign import closer_look, execute, journal, junit, summary, thresholds
 from simloop.campaign.spec import Request, RunSpec
 from simloop.campaign.sweeps import parse_seeds, sweep_values
 from simloop.campaign.work import check_worlds, do_run, row_of
 from simloop.cli import runs
 from simloop.cli.apart import check_apart
 from simloop.cli.main import main
+from simloop.common.data_files import models_dir
 from simloop.common.errors import InputError
 from simloop.common.pool import Workers
 
@@ -186,8 +187,11 @@ def test_outputs_and_inputs_are_told_apart_through_links(tmp_path):
             check_apart({"--json": wrong}, [room, tmp_path / "missing.toml"])
     check_apart({"--json": Path("/dev/null"), "--junit": Path("/dev/null")}, [])
     same = {"--json": tmp_path / "new", "--junit": tmp_path / "x" / ".." / "new"}
-    with pytest.raises(InputError, match="the same file as --json"):
+    with pytest.raises(InputError, match="would overwrite the output of --json"):
         check_apart(same, [])
+
+
+ARENA = models_dir() / "arenas" / "clutter.xml"
 
 
 def command_line(monkeypatch, capsys, *arguments):
@@ -207,8 +211,12 @@ def test_wrong_input_leaves_nothing_behind(tmp_path, monkeypatch, capsys):
         ((*quick, "--set", "goal=[99.0,0.0]"), "outside the arena"),
         ((*quick, "--set", "start=[99.0,0.0,0.0]"), "outside the arena"),
         ((*quick, "--json", room), "overwrite the input"),
-        ((*quick, "--junit", out / "journal.jsonl"), "the same file"),
-        ((*quick, "--junit", tmp_path / "x", "--json", tmp_path / "x"), "the same file"),
+        ((*quick, "--junit", out / "journal.jsonl"), "journal.jsonl"),
+        (
+            (*quick, "--junit", tmp_path / "x", "--json", tmp_path / "x"),
+            "overwrite the output of --junit",
+        ),
+        ((*quick, "--junit", ARENA), "overwrite a file of simloop itself"),
         ((*quick, "--redo", "all"), "--redo errors"),
         ((*quick, "--compare", out, out), "--compare runs nothing"),
         ((*quick, "--dask", "nonsense://here"), "--dask"),
@@ -217,6 +225,47 @@ def test_wrong_input_leaves_nothing_behind(tmp_path, monkeypatch, capsys):
         assert code == 2 and match in error and error.count("\n") == 1, error
         assert [one.name for one in tmp_path.iterdir()] == ["room.toml"]
         assert room.read_text() == ROOM
+
+
+@pytest.mark.parametrize(
+    "more",
+    ["--seeds 0:20", "--sweep seed=1", "--planner tlbo", "--set goal=[1,1]", "--workers 2",
+     "--dask tcp://x", "--record-failures 3", "--no-report", "--repair", "open"],
+)  # fmt: skip
+def test_a_comparison_goes_with_json_only(tmp_path, monkeypatch, capsys, more):
+    words = ["--compare", tmp_path, tmp_path, "--json", tmp_path / "x.json", *more.split()]
+    code, error = command_line(monkeypatch, capsys, *words)
+    what = "SCENARIO" if more == "open" else more.split()[0].replace("--no-", "--")
+    assert code == 2 and f"not with {what}" in error
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("workers", ["-1", "257", "100000000"])
+def test_the_number_of_workers_has_bounds(tmp_path, monkeypatch, capsys, workers):
+    words = ("open", "--out", tmp_path / "out", "--workers", workers)
+    code, error = command_line(monkeypatch, capsys, *words)
+    assert code == 2 and "--workers" in error
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_comparison_replaces_no_file_of_either_campaign(tmp_path, monkeypatch, capsys):
+    one = spec()
+    folders = [tmp_path / "o1", tmp_path / "o2"]
+    names = ("journal.jsonl", "campaign.json", "report.html", "failures/open.rrd")
+    for folder in folders:
+        (folder / "failures").mkdir(parents=True)
+        for name in names:
+            (folder / name).write_text("kept")
+        journal.write_results(folder, [row_of(one, "reached")])
+    for folder in folders:
+        for name in (*names, "results.parquet"):
+            for given in (folders, [each / "results.parquet" for each in folders]):
+                before = (folder / name).read_bytes()
+                code, error = command_line(
+                    monkeypatch, capsys, "--compare", *given, "--json", folder / name
+                )
+                assert code == 2 and "would overwrite" in error
+                assert (folder / name).read_bytes() == before
 
 
 def test_a_campaign_tells_its_errors_and_does_them_again(tmp_path, monkeypatch, capsys):

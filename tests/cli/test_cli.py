@@ -103,6 +103,15 @@ def test_no_output_takes_the_place_of_another_or_of_the_scenario(tmp_path):
         choose(None, None, None, Path(""))
 
 
+def test_a_device_or_a_pipe_gets_no_config_beside_it(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "link").symlink_to(os.devnull)
+    for result in (Path(os.devnull), tmp_path / "pipe", tmp_path / "link"):
+        assert choose(None, None, None, result).config is None
+        assert choose(tmp_path, None, None, result).config == tmp_path / "config.toml"
+    assert choose(None, None, None, tmp_path / "x.json").config == tmp_path / "x.config.toml"
+
+
 def test_a_graphics_back_end_that_cannot_be_loaded_is_one_line(tmp_path):
     done = simloop("run", "open", "--json", tmp_path / "x", env=os.environ | {"MUJOCO_GL": "none"})
     assert done.returncode == 2 and done.stderr.startswith("error: MUJOCO_GL=none: cannot be")

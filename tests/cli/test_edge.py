@@ -73,6 +73,29 @@ def test_a_surprise_shows_its_traceback_on_request_and_in_tests(monkeypatch, cap
         ended(strange, monkeypatch, capsys)
 
 
+@pytest.mark.parametrize(
+    ("arguments", "option"),
+    [
+        (("run", "open", "--out", ""), "--out"),
+        (("run", "open", "--out="), "--out"),
+        (("run", "open", "--model-path", ""), "--model-path"),
+        (("run", "open", "--quiet", "--json", ""), "--json"),
+        (("replay", "", "--out", "x"), "command line"),
+        (("campaign", "--compare", "x", ""), "--compare"),
+        (("campaign", "open", "--out", ""), "--out"),
+        (("bench", "planners", "--report", ""), "--report"),
+    ],
+)
+def test_an_empty_path_is_not_the_current_folder(tmp_path, monkeypatch, capsys, arguments, option):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", ["simloop", *arguments])
+    with pytest.raises(SystemExit) as done:
+        main.main()
+    assert done.value.code == 2
+    assert capsys.readouterr().err == f"error: {option}: an empty value; give a name or a path\n"
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_errors_are_one_line_without_control_characters(monkeypatch, capsys):
     def refuse(name: str) -> int:
         raise OSError(28, "No space left on device", name)

@@ -60,6 +60,18 @@ def measure(name: str) -> Part:
     return [_plain(asdict(table)) for table in makers[name]()]
 
 
+def files(folder: Path) -> dict[str, Path]:
+    """List the files of the tables.
+
+    Args:
+        folder: The folder of the tables.
+
+    Returns:
+        Name -> file, in the order of `PARTS`, whether or not they exist.
+    """
+    return {name: _file(folder, name) for name in PARTS}
+
+
 def read(folder: Path) -> dict[str, Part]:
     """Read the parts that are measured already.
 

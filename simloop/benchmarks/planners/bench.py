@@ -18,7 +18,7 @@ from simloop.benchmarks.planners.bench_figures import (
     rank,
     summary,
 )
-from simloop.benchmarks.planners.jobs import make_jobs, run_jobs
+from simloop.benchmarks.planners.jobs import left_out, make_jobs, run_jobs
 from simloop.benchmarks.planners.scenes import SCENE_NAMES
 from simloop.benchmarks.planners.tasks import (
     Task,
@@ -36,7 +36,7 @@ from simloop.benchmarks.planners.trials import (
     settings,
     time_plans,
 )
-from simloop.common.errors import InputError, did_you_mean
+from simloop.common.errors import InputError, did_you_mean, printable
 from simloop.common.terminal import print_table
 from simloop.config import PlannerConfig
 from simloop.evaluation.provenance import machine, versions
@@ -258,6 +258,11 @@ def _measure(
         history=request.history,
         few=SEEDS_SLOW if request.seeds is None else None,
     )  # fmt: skip
+    for scene, idle in left_out(result.tasks, planners).items():
+        text = f"note: {scene}: not for worlds of this kind, so left out: {', '.join(idle)}"
+        bar.console.print(printable(text), markup=False, highlight=False, soft_wrap=True)
+    if not jobs:
+        raise InputError("--planners: none of these can plan in the worlds of these --scenes")
     bar.update(step, description="plans", total=len(jobs), completed=0)
     workers = request.workers or os.cpu_count() or 1
     for job, trials in run_jobs(jobs, result.tasks, workers=workers, stop=stop):

@@ -105,6 +105,26 @@ def load_file(path: Path) -> list[Instance]:
     return _instances(path, blocked, tasks)
 
 
+def files_read(path: Path) -> list[Path]:
+    """List the files that `load_file` reads.
+
+    Args:
+        path: As for `load_file`.
+
+    Returns:
+        The file itself; with a ``.scen`` the map that it names, and with a ``.map`` its scenario if
+        there is one.
+
+    Raises:
+        InputError: The scenario cannot be read, violates the format, or its map is missing.
+    """
+    suffix = path.suffix.lower()
+    if suffix == ".scen":
+        return [path, _map_of(path, parse_scenario(_text(path, _SCENARIO_BYTES), path))]
+    scenario = Path(f"{path}.scen")
+    return [path, scenario] if suffix not in IMAGES and scenario.exists() else [path]
+
+
 def _map_of(scenario: Path, tasks: list[MapTask]) -> Path:
     """Find the map that a scenario file names: relative to the file's folder, or just in it."""
     named = PurePosixPath(tasks[0].map_name.replace("\\", "/"))

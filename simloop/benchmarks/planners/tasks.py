@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from simloop.benchmarks.planners.judge import judge, optimum
-from simloop.benchmarks.planners.map_files import is_map_file, load_file
+from simloop.benchmarks.planners.map_files import files_read, is_map_file, load_file
 from simloop.benchmarks.planners.paper_scenes import (
     ONLINE_SCENES,
     PAPER_SCENES,
@@ -68,6 +69,21 @@ def check_scene(name: str) -> None:
     if not is_map_file(name) and name not in scene_names():
         choices = did_you_mean(name, scene_names())
         raise InputError(f"--scenes {name}: unknown{choices}, or a .map, .scen or image file")
+
+
+def scene_files(names: Iterable[str]) -> list[Path]:
+    """List the files that `load_scene` reads for some scenes.
+
+    Args:
+        names: Names of scenes, or map files.
+
+    Returns:
+        The files; none for a built-in scene.
+
+    Raises:
+        InputError: A scenario file cannot be read, or the map that it names is missing.
+    """
+    return [file for name in names if is_map_file(name) for file in files_read(Path(name))]
 
 
 def load_scene(name: str) -> list[Task]:
