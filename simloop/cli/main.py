@@ -7,7 +7,6 @@ program, 130 stopped by Ctrl-C. Each command imports what it needs when it runs,
 
 from __future__ import annotations
 
-import os
 import shlex
 import sys
 from collections.abc import Callable
@@ -273,17 +272,8 @@ def _drive(simulation: Simulation, notes: Console, stop: Callable[[], bool]) -> 
 
 def _build(scenario: Scenario, notes: Console) -> World:
     """Build the scenario's world, and print what was left out or assumed when it was read."""
-    # MuJoCo fails on import if it cannot load MUJOCO_GL's back end.
-    try:
-        from simloop.scenario.build import build_world
-    except Exception as error:
-        name = os.environ.get("MUJOCO_GL")
-        if not name:
-            raise
-        raise InputError(
-            f"MUJOCO_GL={name}: cannot be loaded ({error}); choices: egl, osmesa, disable"
-        ) from None
     from simloop.common.waiting import said_if_slow
+    from simloop.scenario.build import build_world
 
     with said_if_slow(notes, "building the world"):
         world = build_world(scenario)
