@@ -45,7 +45,11 @@ slow: $(READY)
 # Code with checks must not get into the cache that all else uses.
 bounds: $(READY)
 	@NUMBA_BOUNDSCHECK=1 NUMBA_OPT=0 NUMBA_CACHE_DIR=build/bounds \
-	  $(PY) -m pytest -q -W ignore tests/test_kernel_bounds.py
+	  $(PY) -m pytest -q -W ignore tests/test_kernel_bounds.py \
+	  tests/estimation/test_sight.py tests/estimation/test_map_drift.py \
+	  tests/estimation/test_ekf_history.py tests/graph_slam/test_submap.py \
+	  tests/evaluation/test_shortest_path.py::test_the_papers_four_obstacles \
+	  tests/common/test_map_server.py tests/benchmarks/test_movingai_files.py
 
 lint: $(READY)
 	@$(PY) -m ruff check .

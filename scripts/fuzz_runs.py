@@ -15,6 +15,7 @@ import time
 from collections import Counter
 
 from simloop.benchmarks.random_runs import draw_case, run_case
+from simloop.cli.edge import run_script
 
 
 def main() -> int:
@@ -54,4 +55,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_script(main)

@@ -8,9 +8,9 @@ The exit code is 1 if an episode failed. The printed seed reproduces the failure
 from __future__ import annotations
 
 import argparse
-import sys
 
 from simloop.certify.fuzz import episodes
+from simloop.cli.edge import run_script
 
 
 def main() -> int:
@@ -34,4 +34,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_script(main)

@@ -9,10 +9,10 @@ exit code is 0 if it never goes farther than the monitor assumes.
 from __future__ import annotations
 
 import math
-import sys
 
 import numpy as np
 
+from simloop.cli.edge import run_script
 from simloop.control.drive import Drive
 from simloop.ekf import GAUGE
 from simloop.messages import EncoderReading, Estimate, FloatArray, Mode, Velocity
@@ -112,4 +112,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_script(main)

@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from simloop.benchmarks.planners.paper_scenes import PAPER_SCENES, online_scene, paper_scene
+from simloop.cli.edge import run_script
 from simloop.evaluation.shortest_path import shortest_path
 from simloop.messages import FloatArray, WorldView
 from simloop.scenario.catalog import scenario_files
@@ -249,4 +250,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -13,6 +13,7 @@ import numpy as np
 
 from simloop import certify
 from simloop.certify.checks import Check
+from simloop.cli.edge import run_script
 from simloop.physics import track_theory as theory
 from simloop.physics import turning_theory
 
@@ -116,4 +117,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

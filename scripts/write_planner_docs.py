@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from simloop.benchmarks.papers.page import figure
 from simloop.benchmarks.papers.papers import LEAD, PAPERS
 from simloop.benchmarks.planners.bench_figures import rank
 from simloop.benchmarks.planners.weights import PRINTED
+from simloop.cli.edge import run_script
 from simloop.common.errors import InputError
 from simloop.common.files import write_text
 
@@ -355,6 +355,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     Returns:
         The exit code.
+
+    Raises:
+        InputError: If a file cannot be read, or is not what it should be.
     """
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("papers", type=Path, nargs="?", help="JSON of simloop bench papers")
@@ -362,17 +365,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--docs", type=Path, default=DOCS, help="folder of the documentation")
     parser.add_argument("--partial", action="store_true", help="accept an interrupted benchmark")
     given = parser.parse_args(arguments)
-    try:
-        papers = read_figures(given.papers, "cells", given.partial)
-        planners = read_figures(given.planners, "scenes", given.partial)
-        changed = write(given.docs, papers, planners)
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    papers = read_figures(given.papers, "cells", given.partial)
+    planners = read_figures(given.planners, "scenes", given.partial)
+    changed = write(given.docs, papers, planners)
     for file in changed:
         print(file)
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_script(main)

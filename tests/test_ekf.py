@@ -58,7 +58,7 @@ states = st.tuples(
     st.floats(-0.1, 0.1),
 ).map(np.array)
 WALK = np.array([0.1, 1.0, 0.01, 2e-5, 0.015, 0.005, 0.005])
-NO_GATES = np.array([1e9, 1e9])
+NO_GATES = np.full(3, 1e9)
 
 
 def inputs_row(accel=0.0, wheels=(0.0, 0.0), gyro=0.0, wheel_var=1e-4, gyro_var=3e-6, shove=0.0):

@@ -284,6 +284,8 @@ def _fault(rng: np.random.Generator) -> str:
         "imu_silent": {},
         "beams_dropped": {"share": float(rng.choice([0.5, 0.9, 0.98, 1.0]))},
         "glass": {"min_m": low.tolist(), "max_m": (low + rng.uniform(0.1, 20.0, 2)).tolist()},
+        "lidar_noise": {"noise_m": float(rng.choice([1e-6, 0.03, 0.1, 1.0, 100.0]))},
+        "lidar_short": {"range_m": float(rng.choice([0.01, 0.3, 1.0, 3.0, 100.0]))},
         "lidar_silent": {},
         "lidar_late": {"delay_s": float(rng.choice([0.01, 0.1, 0.3, 0.6, 2.0]))},
         "camera_silent": {},

@@ -1,7 +1,7 @@
 """The edge of the program: what surrounds it, and how whatever goes wrong is told.
 
-Every command and every script runs inside ``run_at_edge``. It makes the standard streams safe to
-write to, and turns every error into one line and an exit code.
+Every command and every script that runs simloop is inside ``run_at_edge``. It makes the standard
+streams safe to write to, and turns every error into one line and an exit code.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from contextlib import contextmanager
 from typing import Any, TextIO
 
 from simloop import __version__
-from simloop.cli.kernel_cache import prepare_kernel_cache
+from simloop.cli.kernel_cache import in_kernel_cache, prepare_kernel_cache
 from simloop.common.errors import InputError, printable
 
 INPUT_WRONG = 2
@@ -55,16 +55,31 @@ def run_at_edge(commands: Callable[..., Any]) -> None:
         code = BROKEN
         try:
             code = _run(commands)
-        except (KeyboardInterrupt, EOFError) as error:
+        except KeyboardInterrupt as error:
             code = _say(f"interrupted{_notes(error)}", INTERRUPTED)
-        except Exception as error:
-            if debug and not _is_told(error):
-                raise
-            code = _tell(error)
+        except Exception as raised:
+            told = _plain(raised)
+            if debug and not _is_told(told):
+                if told is raised:
+                    raise
+                raise told from raised
+            code = _tell(told)
         finally:
             with contextlib.suppress(InputError, OSError):
                 sys.stdout.flush()
         sys.exit(code)
+
+
+def run_script(script: Callable[[], int | None]) -> None:
+    """Run a script that reads its arguments itself, as `run_at_edge` runs commands, and exit.
+
+    Args:
+        script: Its main function, which returns an exit code; None counts as 0.
+
+    Raises:
+        SystemExit: Always, with the exit code.
+    """
+    run_at_edge(lambda standalone_mode: script())
 
 
 def _run(commands: Callable[..., Any]) -> int:
@@ -98,9 +113,49 @@ def _refuse_empty(arguments: Sequence[str]) -> None:
             raise InputError(f"{option or 'command line'}: an empty value; give a name or a path")
 
 
+def _plain(error: Exception) -> Exception:
+    """Replace an error by what it stands for, if that is known."""
+    # A prompt turns the end of its input into an Abort of its own. typer does so with any other
+    # EOFError that a command lets through, e.g. that of a file which ends too soon.
+    if _aborts(error) and isinstance(error.__cause__, EOFError):
+        error = error.__cause__
+    folder = in_kernel_cache(error)
+    if folder is not None and not isinstance(error, OSError):
+        told: Exception = DamagedCacheError(
+            f"compiled kernels in {folder} cannot be read ({type(error).__name__}: {error}): "
+            "delete its files *.nbi and *.nbc"
+        )
+        told.__cause__ = error  # with its notes
+        return told
+    name = os.environ.get("MUJOCO_GL")
+    if name and _loads_mujoco(error):
+        told = InputError(
+            f"MUJOCO_GL={name}: cannot be loaded ({error}); choices: egl, osmesa, disable"
+        )
+        told.__cause__ = error
+        return told
+    return error
+
+
+class DamagedCacheError(Exception):
+    """Compiled kernels that numba cannot read; the message says where they are."""
+
+
+def _loads_mujoco(error: BaseException) -> bool:
+    """Return whether an error arose while MuJoCo was imported, which loads MUJOCO_GL's back end."""
+    trace = error.__traceback__
+    while trace is not None:
+        frame = trace.tb_frame
+        if frame.f_globals.get("__name__") == "mujoco" and frame.f_code.co_name == "<module>":
+            return True
+        trace = trace.tb_next
+    return False
+
+
 def _is_told(error: Exception) -> bool:
     """Return whether an error is no fault of the program: wrong input, a full disk, Ctrl-C."""
-    return isinstance(error, InputError | OSError) or _usage(error) is not None or _aborts(error)
+    plain = InputError | OSError | DamagedCacheError
+    return isinstance(error, plain) or _usage(error) is not None or _aborts(error)
 
 
 def _aborts(error: Exception) -> bool:
@@ -120,6 +175,8 @@ def _tell(error: Exception) -> int:
         return _say(f"interrupted{_notes(error)}", INTERRUPTED)
     if isinstance(error, InputError):
         return _say(f"error: {error}{_notes(error)}", INPUT_WRONG)
+    if isinstance(error, DamagedCacheError):
+        return _say(f"error: {error}{_notes(error)}", BROKEN)
     if isinstance(error, BrokenPipeError):
         return _say(f"error: the reader of an output is gone{_notes(error)}", INPUT_WRONG)
     if isinstance(error, OSError):

@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 import statistics
 from collections import deque
+from collections.abc import Sequence
 from enum import Enum
 
 import numpy as np
@@ -35,9 +36,9 @@ _THIN_SHARE = 0.3  # more missing beams than this share: silence does not count 
 _STREWN_SHARE = 1.0 / 6.0  # more changes than this between answer and silence: strewn silence
 _SCANS_TO_DECIDE = 2  # scans in a row that make a sensor blind, or make it see again
 _SMOOTH_SHARE = 0.2  # at least this share of three beams in a row lie on one smooth surface
-_QUANTILE_OF_NOISE = 0.2533 * 6.0**0.5  # that quantile of |a - 2 b + c| for a noise of one
-_NOISE_BEAMS = 180  # with fewer beams in a turn, curved surfaces look like noise
-_NOISE_SCANS = 5  # the median over so many scans counts
+_QUANTILE_OF_NOISE = 0.2533  # that quantile of the size of a noise of one
+_NOISE_BEAMS = 180  # an estimate takes as many scans as have so many beams together
+_NOISE_SCANS = 5  # the median over so many estimates counts
 
 
 class Sight(Enum):
@@ -83,40 +84,47 @@ def _changes(ranges_m: FloatArray) -> int:
     return int(np.sum(answered != np.roll(answered, 1)))
 
 
-def range_noise(ranges_m: FloatArray) -> float:
+def range_noise(scans: Sequence[FloatArray]) -> float:
     """Estimate the noise of the ranges from beams that lie side by side.
 
-    On a smooth surface the second difference of three ranges in a row is nearly zero without
-    noise. A low quantile is not moved by edges and thin things.
+    On a straight wall the ranges of a beam's neighbours give its own range, however far apart the
+    beams are. A low quantile of what they are off is not moved by edges and thin things.
+
+    Args:
+        scans: Scans of about the same place, each as in `silent_beams`.
+
+    Returns:
+        Standard deviation of a range, m; NaN without any three beams in a row that came back.
+    """
+    off = np.concatenate([_off_the_walls(ranges_m) for ranges_m in scans])
+    return float(np.quantile(off, _SMOOTH_SHARE)) / _QUANTILE_OF_NOISE if len(off) else math.nan
+
+
+@njit(cache=True)
+def _off_the_walls(ranges_m: FloatArray) -> FloatArray:
+    """How far each range is off the straight line through its neighbours' ends.
+
+    Each one is divided by how much more than the noise of one range it varies.
 
     Args:
         ranges_m: (n,) as in `silent_beams`.
 
     Returns:
-        Standard deviation of a range, m; NaN without three beams in a row, or with too few beams.
+        (k,) for the beams that came back between neighbours that came back, m.
     """
-    if len(ranges_m) < _NOISE_BEAMS:
-        return math.nan
-    return float(_smooth_bend(ranges_m, _SMOOTH_SHARE)) / _QUANTILE_OF_NOISE
-
-
-@njit(cache=True)
-def _smooth_bend(ranges_m: FloatArray, share: float) -> float:
-    """Quantile ``share`` of the finite second differences |a - 2 b + c| around a turn; else NaN."""
     n, count = ranges_m.shape[0], 0
-    bend = np.empty(n)
+    off = np.empty(n)
+    # Along a line, 1 / range is a sinusoid of the angle: 1/a + 1/c = 2 cos(step) / b.
+    twice = 2.0 * math.cos(2.0 * math.pi / max(n, 1))
     for i in range(n):
-        one = abs(ranges_m[i - 1] - 2.0 * ranges_m[i] + ranges_m[(i + 1) % n])
-        if math.isfinite(one):
-            bend[count] = one
+        a, c = ranges_m[i - 1], ranges_m[(i + 1) % n]
+        both = a + c
+        if both > 0.0 and math.isfinite(both) and math.isfinite(ranges_m[i]):
+            by_a, by_c = twice * (c / both) ** 2, twice * (a / both) ** 2
+            one = abs(ranges_m[i] - twice * a * c / both)
+            off[count] = one / math.sqrt(1.0 + by_a * by_a + by_c * by_c)
             count += 1
-    if count == 0:
-        return math.nan
-    bend = np.sort(bend[:count])
-    place = share * (count - 1)
-    below = int(place)
-    above = min(below + 1, count - 1)
-    return bend[below] + (place - below) * (bend[above] - bend[below])
+    return off[:count]
 
 
 class SightMonitor:
@@ -136,6 +144,7 @@ class SightMonitor:
         self.silence_is_free = True
         self.noise_m = 0.0
         self._noise: deque[float] = deque(maxlen=_NOISE_SCANS)
+        self._scans: deque[FloatArray] = deque()
 
     def measure_noise(self, ranges_m: FloatArray) -> None:
         """Take the noise of a scan into account.
@@ -143,7 +152,10 @@ class SightMonitor:
         Args:
             ranges_m: (n,) as in `silent_beams`.
         """
-        noise = range_noise(ranges_m)
+        self._scans.append(ranges_m)
+        while (len(self._scans) - 1) * len(ranges_m) >= _NOISE_BEAMS:
+            self._scans.popleft()
+        noise = range_noise(self._scans)
         if math.isfinite(noise):
             self._noise.append(noise)
             self.noise_m = statistics.median(self._noise)

@@ -11,7 +11,7 @@ from simloop.messages import FloatArray, Health, HealthState
 
 WRONG_M, WRONG_RAD = 0.1, 0.1
 """A pose is wrong if its error is larger than one of these."""
-_MOVING_M = 2e-4  # motion in one control period of 0.01 s above which the robot moves: 2 cm/s
+_MOVING_MPS, _TURNING_RADPS = 0.02, 0.05  # the robot moves if it is faster than one of these
 
 
 def health_account(
@@ -29,7 +29,9 @@ def health_account(
     Returns:
         ``ok_s``, ``degraded_s``, ``lost_s``: seconds in each state; ``reasons_s``: seconds under
         each reason; ``final``: the last state; ``unsaid_s``: seconds in which the robot moved
-        with a wrong pose and reported ``ok``.
+        or turned with a wrong pose and reported ``ok``. A robot that stands still drives into
+        nothing, and what its sensors see of the place does not change, so nothing new can tell it
+        that it is wrong.
     """
     period_s = float(np.median(np.diff(t_ns))) * 1e-9 if len(t_ns) > 1 else 0.0
     # current[i] is the number of the report that is valid at estimate i; 0 is before the first.
@@ -45,7 +47,10 @@ def health_account(
             reasons[reason.value] = reasons.get(reason.value, 0.0) + count * period_s
     reported_ok = np.array([True, *(report.state is HealthState.OK for report in reports)])[current]
     wrong = (np.hypot(error[:, 0], error[:, 1]) > WRONG_M) | (np.abs(error[:, 2]) > WRONG_RAD)
-    moves = np.hypot(*np.diff(truth[:, :2], axis=0, prepend=truth[:1, :2]).T) > _MOVING_M
+    steps = np.diff(truth, axis=0, prepend=truth[:1])
+    turned = np.abs(np.remainder(steps[:, 2] + np.pi, 2.0 * np.pi) - np.pi)
+    moves = np.hypot(steps[:, 0], steps[:, 1]) > _MOVING_MPS * period_s
+    moves |= turned > _TURNING_RADPS * period_s
     return {
         **{f"{state}_s": count * period_s for state, count in states.items()},
         "reasons_s": reasons,

@@ -121,7 +121,7 @@ def test_a_missing_marker_changes_nothing(docs):
     assert {file: file.read_text() for file in docs.iterdir()} == before
 
 
-def test_wrong_input_ends_with_exit_code_two(docs, tmp_path, capsys):
+def test_wrong_input_is_refused(docs, tmp_path):
     found = tmp_path / "found.json"
     for text, message in (
         ("{", "not a JSON file"),
@@ -129,7 +129,6 @@ def test_wrong_input_ends_with_exit_code_two(docs, tmp_path, capsys):
         (json.dumps({**papers(), "interrupted": True}), "was interrupted"),
     ):
         found.write_text(text)
-        assert script.main([str(found), "--docs", str(docs)]) == 2
-        shown = capsys.readouterr().err
-        assert message in shown and len(shown.strip().splitlines()) == 1
+        with pytest.raises(InputError, match=message):
+            script.main([str(found), "--docs", str(docs)])
     assert script.main([str(found), "--docs", str(docs), "--partial"]) == 0

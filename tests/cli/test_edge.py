@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
+import pickle
+import re
 import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -170,6 +172,71 @@ def test_kernels_find_a_folder_where_home_cannot_be_written(tmp_path, monkeypatc
         prepare_kernel_cache()
 
 
+def ends_too_soon():
+    pickle.loads(b"")
+
+
+def asks():
+    typer.prompt("sure")
+
+
+def test_only_a_prompt_takes_the_end_of_its_input_for_ctrl_c(monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr(edge.tempfile, "tempdir", str(tmp_path))
+    code, text = ended(ends_too_soon, monkeypatch, capsys)
+    assert code == 70 and "EOFError" in text
+    monkeypatch.setattr(sys, "stdin", io.StringIO(""))
+    code, text = ended(asks, monkeypatch, capsys)
+    assert code == 130 and "interrupted" in text
+
+
+KERNEL = """
+from simloop.cli.main import run_command
+def command() -> int:
+    from kernels import twice
+    return twice(2.0)
+run_command(command)
+"""
+
+
+@pytest.mark.parametrize("damage", ["index empty", "kernel zeroed"])
+def test_kernels_that_were_cut_short_are_compiled_again(tmp_path, damage):
+    (tmp_path / "kernels.py").write_text(
+        "from numba import njit\n@njit(cache=True)\ndef twice(x):\n    return int(2.0 * x)\n"
+    )
+    (tmp_path / "go.py").write_text(KERNEL)
+    cache = tmp_path / "cache"
+
+    def go():
+        done = subprocess.run(
+            [sys.executable, tmp_path / "go.py"],
+            capture_output=True,
+            text=True,
+            timeout=300,
+            env=os.environ | {"NUMBA_CACHE_DIR": str(cache)},
+        )
+        return done.returncode, done.stderr
+
+    assert go() == (4, "")
+    what, how = damage.split()
+    (path,) = cache.rglob("*.nbi" if what == "index" else "*.nbc")
+    whole = path.read_bytes()
+    path.write_bytes(b"" if how == "empty" else bytes(len(whole)))
+    code, text = go()
+    assert code == 4 and text.startswith("note: 1 damaged file") and str(cache) in text
+    assert go() == (4, "")
+    path.write_bytes(b"no pickle.")  # only numba can tell that this is damaged
+    code, text = go()
+    assert code == 70 and len(text.splitlines()) == 1 and str(cache) in text and "delete" in text
+
+
+@pytest.mark.parametrize(
+    "command", [("campaign", "open", "--out", "out"), ("certify",), ("bench", "faults")]
+)
+def test_every_command_names_an_off_screen_back_end_that_is_not_there(tmp_path, command):
+    done = simloop(*command, cwd=tmp_path, env=os.environ | {"MUJOCO_GL": "foo"})
+    assert done.returncode == 2 and done.stderr.startswith("error: MUJOCO_GL=foo: cannot be")
+
+
 def test_no_output_replaces_a_file_that_the_run_reads(tmp_path):
     (tmp_path / "room.pgm").write_bytes(b"P5\n40 40\n255\n" + b"\xfe" * 1600)
     (tmp_path / "room.yaml").write_text(
@@ -232,15 +299,55 @@ def test_two_runs_into_one_folder_are_refused(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["snapshots"]
 
 
-@pytest.mark.slow
-def test_ctrl_c_is_heard_while_exact_optima_are_computed(tmp_path):
-    arguments = ("run", "hall", "--set", "time_limit_s=40", "--json", tmp_path / "x.json")
-    command = [sys.executable, "-m", "simloop.cli", *map(str, arguments)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    time.sleep(10)
-    process.send_signal(signal.SIGINT)
-    process.communicate(timeout=30)
-    assert process.returncode in (130, 0, 1)
+def test_ctrl_c_is_heard_while_exact_optima_are_computed(tmp_path, monkeypatch, capsys):
+    from simloop.recording.watch import Watch
+
+    compute = Watch.plan_figures
+
+    def stopped(self, stop, show):
+        assert self.plan_count[1] > 1
+
+        def count(so_far):
+            show(so_far)
+            signal.raise_signal(signal.SIGINT)  # while the optima are computed, after the first
+
+        return compute(self, stop, count)
+
+    monkeypatch.setattr(Watch, "plan_figures", stopped)
+    file = tmp_path / "x.json"
+    shorter = ("--set", "time_limit_s=3")
+    monkeypatch.setattr(sys, "argv", ["simloop", "run", "trap", *shorter, "--json", str(file)])
+    with pytest.raises(SystemExit) as done:
+        main.main()
+    # The run had ended before, so that the exit code is its own, and its figures are kept.
+    assert done.value.code == 1
+    costs = [plan["exact_cost"] for plan in json.loads(file.read_text())["plans"]]
+    assert costs[0] is not None and set(costs[1:]) == {None}
+    assert f"1 of {len(costs)} plans are compared" in capsys.readouterr().err
+
+
+def run_into(error):
+    raise error
+
+
+def test_a_script_ends_as_a_command_does(monkeypatch, capsys):
+    for script, ends in ((lambda: 1, 1), (lambda: None, 0), (lambda: sys.exit(2), 2)):
+        with pytest.raises(SystemExit) as done:
+            edge.run_script(script)
+        assert done.value.code == ends
+    with pytest.raises(SystemExit) as done:
+        edge.run_script(lambda: run_into(InputError("no such file")))
+    assert done.value.code == 2 and capsys.readouterr().err == "error: no such file\n"
+
+
+def test_every_script_that_imports_simloop_is_at_the_edge():
+    scripts = Path(__file__).resolve().parents[2] / "scripts"
+    for path in scripts.glob("*.py"):
+        text = path.read_text(encoding="utf-8")
+        if "__main__" in text and re.search(r"^\s*(from|import) simloop", text, re.MULTILINE):
+            last = text.rpartition("__main__")[2]
+            at_edge = re.search(r"run_script\(|run_command\(|run_at_edge\(", last)
+            assert at_edge or "from simloop.cli.main import main\n" in text, path.name
 
 
 @pytest.mark.slow

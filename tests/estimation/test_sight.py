@@ -38,14 +38,28 @@ def test_silent_and_firm_beams_as_counted_one_by_one(answered):
 
 
 @pytest.mark.parametrize("noise_m", [0.01, 0.03, 0.1])
-def test_the_noise_is_measured_in_a_room_with_edges(noise_m):
-    rng = np.random.default_rng(1)
-    found = [
-        range_noise(ROOM.ranges((0.1, -0.2, 0.3)) + noise_m * rng.standard_normal(360))
-        for _ in range(20)
-    ]
-    assert np.median(found) == pytest.approx(noise_m, rel=0.25)
-    assert math.isnan(range_noise(np.full(360, np.inf))) and math.isnan(range_noise(np.ones(90)))
+@pytest.mark.parametrize("beams", [36, 60, 90, 120, 170, 360])
+def test_the_noise_is_measured_in_a_room_with_edges(noise_m, beams):
+    rng, monitor = np.random.default_rng(1), SightMonitor(False)
+    clean = ROOM.ranges((0.1, -0.2, 0.3), beams=beams)
+    found = []
+    for _ in range(40):
+        monitor.measure_noise(clean + noise_m * rng.standard_normal(beams))
+        found.append(monitor.noise_m)
+    # Where beams are far apart, more of them have neighbours beyond a corner.
+    assert 0.75 < np.median(found) / noise_m < (1.25 if beams > 90 else 1.6)
+    assert (noise_m > 0.05) == (found[2] > 0.05)  # known after three scans
+
+
+@pytest.mark.parametrize("beams", [36, 90, 170, 360])
+def test_walls_without_noise_show_none_however_far_apart_the_beams_are(beams):
+    assert range_noise([ROOM.ranges((0.4, -0.3, 1.0), beams=beams)]) < 1e-9
+
+
+def test_without_three_beams_in_a_row_the_noise_is_unknown():
+    lone = np.full(90, np.inf)
+    lone[::3] = 2.0
+    assert math.isnan(range_noise([np.full(360, np.inf)])) and math.isnan(range_noise([lone]))
 
 
 def test_a_sensor_that_has_never_measured_anything_is_unproven_unless_the_ground_is_open():
@@ -113,11 +127,14 @@ def test_a_third_of_the_beams_lost_is_nothing_to_speak_of():
         assert monitor.judge(scan, missing, missing) is Sight.CLEAR
 
 
-def test_the_noise_is_the_plain_quantile_of_the_bends():
+def test_the_noise_is_the_plain_quantile_of_the_distances_from_the_walls():
     rng = np.random.default_rng(6)
-    for lost in (0.0, 0.3):
-        scan = with_lost(lost, rng) + rng.normal(0.0, 0.02, 360)
-        with np.errstate(invalid="ignore"):
-            bend = np.abs(np.roll(scan, 1) - 2.0 * scan + np.roll(scan, -1))
-        plain = np.quantile(bend[np.isfinite(bend)], 0.2) / (0.2533 * 6.0**0.5)
-        assert range_noise(scan) == pytest.approx(plain, rel=1e-12)
+    scans = [with_lost(lost, rng, 120) + rng.normal(0.0, 0.02, 120) for lost in (0.0, 0.3)]
+    off = []
+    for scan in scans:
+        for a, b, c in zip(np.roll(scan, 1), scan, np.roll(scan, -1), strict=True):
+            if np.isfinite([a, b, c]).all():
+                step = 2.0 * math.cos(math.radians(3.0))
+                slopes = step * c**2 / (a + c) ** 2, step * a**2 / (a + c) ** 2
+                off.append(abs(b - step / (1.0 / a + 1.0 / c)) / math.hypot(1.0, *slopes))
+    assert range_noise(scans) == pytest.approx(np.quantile(off, 0.2) / 0.2533, rel=1e-9)

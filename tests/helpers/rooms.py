@@ -17,9 +17,10 @@ class Room:
     def __init__(self, *segments):
         self.segments = np.array(segments, float)
 
-    def ranges(self, pose, most=12.0):
-        directions = np.stack((np.cos(ANGLES + pose[2]), np.sin(ANGLES + pose[2])), axis=1)
-        best = np.full(len(ANGLES), np.inf)
+    def ranges(self, pose, most=12.0, beams=360):
+        angles = np.linspace(-math.pi, math.pi, beams, endpoint=False)
+        directions = np.stack((np.cos(angles + pose[2]), np.sin(angles + pose[2])), axis=1)
+        best = np.full(len(angles), np.inf)
         for x0, y0, x1, y1 in self.segments:
             along = np.array([x1 - x0, y1 - y0])
             to = np.array([x0 - pose[0], y0 - pose[1]])
