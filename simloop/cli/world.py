@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from simloop.common.errors import InputError, printable
+from simloop.common.errors import printable
 
 if TYPE_CHECKING:
     from simloop.scenario.build import World
@@ -26,19 +25,10 @@ def build_shown(scenario: Scenario, notes: Console) -> World:
         The world.
 
     Raises:
-        InputError: If it cannot be built, or MuJoCo cannot be loaded.
+        InputError: If it cannot be built.
     """
-    # MuJoCo fails on import if it cannot load MUJOCO_GL's back end.
-    try:
-        from simloop.scenario.build import build_world
-    except Exception as error:
-        name = os.environ.get("MUJOCO_GL")
-        if not name:
-            raise
-        raise InputError(
-            f"MUJOCO_GL={name}: cannot be loaded ({error}); choices: egl, osmesa, disable"
-        ) from None
     from simloop.common.waiting import said_if_slow
+    from simloop.scenario.build import build_world
 
     with said_if_slow(notes, "building the world"):
         world = build_world(scenario)
