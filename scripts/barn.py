@@ -9,7 +9,6 @@ succeeds within 1 m of the goal. It fails at any contact, and after 100 s.
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
@@ -273,10 +272,10 @@ def main(
         for line in yardsticks(chosen):
             print(line)
         runs: list[Run] = []
-        processes = workers or os.cpu_count() or 1
+        count = pool.processes(workers)
         note = "stopping: the runs under way are finished; once more to end at once"
         with counting(notes, "runs", len(chosen) * seeds) as show, stopping(note) as stop:
-            for run in run_all(chosen, seeds, tuple(overrides or ()), processes, stop):
+            for run in run_all(chosen, seeds, tuple(overrides or ()), count, stop):
                 runs.append(run)
                 show(len(runs))
             stopped = stop()

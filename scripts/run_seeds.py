@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from contextlib import closing
 from pathlib import Path
 from typing import Annotated, Any
@@ -115,12 +114,10 @@ def main(
         check_apart({"--json": json_file}, input_files(cell.load(), resolve(scenario)))
         print_notes(Console(stderr=True), check_worlds([cell], request.seeds))
         jobs = [(scenario, list(request.overrides), seed) for seed in range(*request.seeds)]
-        processes = workers or os.cpu_count() or 1
+        where = pool.local_workers(pool.processes(workers))
         note = "stopping: the runs under way are finished; once more to end at once"
         with stopping(note) as stop:
-            done = pool.run_all(
-                jobs, run_one, pool.local_workers(processes), when_lost=_lost, stop=stop
-            )
+            done = pool.run_all(jobs, run_one, where, when_lost=_lost, stop=stop)
             with closing(done):
                 runs = [run for _, run in done]
             stopped = stop()

@@ -5,7 +5,6 @@ Each command imports what it needs when it runs, so that ``simloop --help`` is q
 
 from __future__ import annotations
 
-import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -219,8 +218,9 @@ def bench_papers(
     check_apart({**outputs_of(out), **kept, "--json": json_file, "--report": page_file}, ())
     check_apart({"--json": json_file}, files_in(out))
     from simloop.cli.runs import How
+    from simloop.common.pool import processes
 
-    how = How(workers or os.cpu_count() or 1, dask, redo is not None, repair)
+    how = How(processes(workers), dask, redo is not None, repair)
     return _bench_papers(json_file, report, out, seeds, only, how, tables)
 
 

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 
-from simloop.cli.common import INTERRUPTED, JsonFile, check_json, compiling_shown, write_json
+from simloop.cli.common import (
+    INTERRUPTED,
+    JsonFile,
+    NumberOfWorkers,
+    compiling_shown,
+    write_json,
+)
 from simloop.cli.stopping import leaves_at_once, stopping
 
 if TYPE_CHECKING:
@@ -38,9 +43,6 @@ Thin = Annotated[
         "commas.",
     ),
 ]
-Workers = Annotated[
-    int, typer.Option(min=0, max=256, help="Number of processes; 0: as many as cores.")
-]
 
 
 @leaves_at_once
@@ -50,7 +52,7 @@ def bench_logs(
     report: Report = None,
     only: Only = None,
     thin: Thin = None,
-    workers: Workers = 0,
+    workers: NumberOfWorkers = 0,
 ) -> int:
     """Map the recorded logs of a folder with the same settings.
 
@@ -71,21 +73,21 @@ def bench_logs(
     """
     from simloop.benchmarks.logs import bench, tables
     from simloop.benchmarks.planners.bench import names
-    from simloop.common.terminal import counting
+    from simloop.common.pool import processes
+    from simloop.common.terminal import counting, print_lines
     from simloop.graph_slam.warmup import warm_up
-    from simloop.replay.outputs import print_notes
 
     found, said = bench.find_logs(folder)
     logs = bench.choose(found, names(only))
     tasks = bench.tasks_of(logs, bench.parse_steps(names(thin)), report)
     _check(tasks, list(found.values()), json_file, report)
     notes = Console(stderr=True)
-    print_notes(notes, said)
+    print_lines(notes, said)
     with compiling_shown(notes) as compiled:
         warm_up(compiled)  # the processes take the kernels from the cache
     rows: list[bench.Row] = []
     with stopping(_NOTE) as stop, counting(notes, "logs", len(tasks)) as show:
-        for row in bench.run(tasks, workers or os.cpu_count() or 1, stop):
+        for row in bench.run(tasks, processes(workers), stop):
             rows.append(row)
             show(len(rows))
     figures = bench.figures_of(tasks, rows)
@@ -112,6 +114,5 @@ def _check(
     plan.writes_into(report, "--report", [INDEX, *pages])
     plan.writes(json_file, "--json")
     plan.check()
-    check_json(json_file)
     if report is not None:
         page.check()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -134,10 +133,11 @@ def campaign(
             raise InputError("campaign: give at least one SCENARIO and --out DIR, or --compare A B")
         check_redo(redo)
         from simloop.cli.runs import How
+        from simloop.common.pool import processes
 
         request = _request(scenarios, seeds, planner, overrides, sweep)
         outputs = _Outputs(out, junit, json_file, record_failures, report)
-        how = How(workers or os.cpu_count() or 1, dask, redo is not None, repair)
+        how = How(processes(workers), dask, redo is not None, repair)
         return _campaign(request, require or (), outputs, how)
 
 

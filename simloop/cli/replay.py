@@ -69,7 +69,7 @@ def replay(
         The exit code.
     """
     from simloop.common.map_server import picture_of
-    from simloop.common.terminal import counting
+    from simloop.common.terminal import counting, print_lines
     from simloop.common.waiting import said_if_slow
     from simloop.graph_slam.settings import MappingConfig
     from simloop.replay import outputs, session
@@ -81,7 +81,7 @@ def replay(
     notes = Console(stderr=True)
     with said_if_slow(notes, "reading the known map"):
         known = session.load_prior(prior, config) if prior is not None else None
-    outputs.print_notes(notes, read.notes)
+    print_lines(notes, read.notes)
     bar = counting(notes, "scans", len(read.t_s))
     with stop_asked() as stop, compiling_shown(notes) as report, bar as show:
         replayed = session.run(
@@ -89,7 +89,7 @@ def replay(
         )
         outputs.write(replayed, files, log.name)
     figures = replayed.figures
-    outputs.print_notes(notes, figures["notes"][len(read.notes) :])
+    print_lines(notes, figures["notes"][len(read.notes) :])
     if json_file == outputs.STDOUT:
         print(json_text(figures), end="")
     else:
@@ -98,6 +98,6 @@ def replay(
     if figures["interrupted"]:
         return INTERRUPTED
     if figures["worthless"]:
-        outputs.print_notes(notes, [f"the result is worthless: {figures['worthless']}"])
+        print_lines(notes, [f"the result is worthless: {figures['worthless']}"])
         return 1
     return 0

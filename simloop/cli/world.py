@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from simloop.common.errors import printable
+from simloop.common.terminal import print_lines
 
 if TYPE_CHECKING:
     from simloop.scenario.build import World
@@ -43,5 +43,4 @@ def print_notes(notes: Console, lines: Iterable[str]) -> None:
         notes: The console to print to.
         lines: The sentences. They may quote a world's file.
     """
-    for line in lines:
-        notes.print(f"note: {printable(line)}", markup=False, highlight=False, soft_wrap=True)
+    print_lines(notes, lines, "note: ")

@@ -81,6 +81,18 @@ class WorkerPool(ProcessPoolExecutor):
                 process.kill()
 
 
+def processes(asked: int) -> int:
+    """Choose the number of worker processes.
+
+    Args:
+        asked: The number that was asked for; 0: as many as cores.
+
+    Returns:
+        The number, at least 1.
+    """
+    return asked or os.cpu_count() or 1
+
+
 def local_workers(count: int) -> Workers:
     """Describe worker processes on this machine.
 

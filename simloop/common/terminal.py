@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn
+
+from simloop.common.errors import printable
 
 
 @contextmanager
@@ -138,6 +140,19 @@ def print_table(
     console.print(f"  [dim]{escape(line(header).rstrip())}[/]", highlight=False, soft_wrap=True)
     for row in rows:
         console.print(f"  {escape(line(row).rstrip())}", highlight=False, soft_wrap=True)
+
+
+def print_lines(console: Console, lines: Iterable[str], prefix: str = "") -> None:
+    """Print sentences as they are, one line each.
+
+    Args:
+        console: The console to print to.
+        lines: The sentences. They may quote a file.
+        prefix: What stands before each of them.
+    """
+    for line in lines:
+        text = f"{prefix}{printable(line)}"
+        console.print(text, markup=False, highlight=False, soft_wrap=True)
 
 
 def _visible(text: str) -> str:

@@ -2,8 +2,8 @@
 
 A scan that sees new ground has points where the map knows nothing. If such a point counted like
 one in free space, the scan would score higher when it is slid back onto the known part of the map:
-a corridor would become shorter with each scan. So a point in unknown space counts as much as a hit
-usually does, and only a point in known free space speaks against a pose.
+a corridor would become shorter with each scan. So a point in unknown space counts more than one in
+free space, and less than a hit on a surface.
 """
 
 from __future__ import annotations
@@ -19,18 +19,16 @@ from simloop.mapping.correlative import (
     TOP,
     Field,
     SearchFields,
-    heading_step,
     raise_field,
-    search,
+    search_map,
 )
 from simloop.mapping.grid_map import GridMap
 from simloop.messages import FloatArray
 
 FREE_BELOW = -0.3
-"""A cell with lower log-odds was seen free: by one beam, without a hit."""
+"""A cell with lower log-odds was seen free: by a beam, and not hit as often."""
 
 _BEHIND = 5  # unknown cells so close to a surface count as free: they are behind it, cells
-_NOTHING_EXCLUDED = np.empty((0, 5))
 
 
 class EvidenceField:
@@ -59,24 +57,20 @@ class EvidenceField:
         window: FloatArray,
         weights: FloatArray,
         least: float = 0.0,
-        excluded: FloatArray = _NOTHING_EXCLUDED,
     ) -> tuple[FloatArray, float]:
-        """Search a window for the best pose; see ``correlative.search``.
+        """Search a window for the best pose; see ``correlative.search_map``.
 
         Args:
             points: (n, 2) hits in base_link, m.
-            prior: (3,) x, y, yaw of base_link in map, the middle of the window.
+            prior: (3,) x, y, yaw of base_link in map, the middle of the window, m, m, rad.
             window: (2,) half the size of the window, m and rad.
-            weights: (2,) penalties, 1/m^2 and 1/rad^2, on the squared offsets from the prior.
-            least: The score of the pose must exceed this.
-            excluded: (k, 5) x, y, yaw, radius, m, and radius, rad: poses within both radii of one
-                of these places are skipped.
+            weights: (2,) penalties on the squared offsets from the prior, 1/m^2 and 1/rad^2.
+            least: the score must exceed this.
 
         Returns:
             Pose (3,), and its score; -1 if there is none.
         """
-        step = heading_step(points, self._fields.resolution)
-        return search(points, prior, window, weights, self._fields, step, least, excluded)
+        return search_map(points, prior, window, weights, self._fields, least)
 
     def known(self, points: FloatArray, pose: FloatArray) -> tuple[float, float]:
         """Measure how well the points in known space fit.

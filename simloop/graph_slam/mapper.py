@@ -9,7 +9,6 @@ changes.
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 
 import numpy as np
 
@@ -73,7 +72,8 @@ class GraphMapper:
         self._lost = 0
         self._fitted, self._missed = False, 0
         self._submap_ended = False
-        self._way_m = 0.0
+        self._ways_m: list[float] = []  # how far each keyframe is along the way
+        self._searched_m = 0.0  # how far the last search for closures was
 
     @property
     def pose(self) -> FloatArray:
@@ -153,11 +153,10 @@ class GraphMapper:
             if edge.closure
             for k in range(edge.second - near, edge.second + near + 1)
         }
-        chosen, way = [], 0.0
-        for number in range(1, len(self._locals)):
-            way += _way(between(self._locals[number - 1], self._locals[number]))
-            if way >= self._config.closure_m:
-                way = 0.0
+        chosen, last_m = [], 0.0
+        for number, way_m in enumerate(self._ways_m):
+            if way_m - last_m >= self._config.closure_m:
+                last_m = way_m
                 if number not in closed:
                     chosen.append(number)
         return chosen
@@ -194,15 +193,19 @@ class GraphMapper:
         self._points.append(points)
         self._origins.append(origins)
         number = self._join(self._tracker.pose)
+        self._ways_m.append(
+            self._ways_m[-1] + _way(between(self._locals[-1], self._tracker.pose))
+            if self._locals
+            else 0.0
+        )
         self._locals.append(self._tracker.pose.copy())
         self._trail.append((number, np.zeros(3)))
         if self._lost >= _LOST_KEYFRAMES:
             self._end_submaps()
         with self._time["insert"]:
             self._enter(number, points, origins)
-        self._way_m += _way(between(self._locals[-2], self._locals[-1])) if number else 0.0
-        if self._way_m >= self._config.closure_m:
-            self._way_m = 0.0
+        if self._ways_m[number] - self._searched_m >= self._config.closure_m:
+            self._searched_m = self._ways_m[number]
             with self._time["closures"]:
                 closures = self.closures.find(self.submaps, self._points, self._locals, number)
             for edge in closures:
@@ -231,7 +234,11 @@ class GraphMapper:
         """Add a keyframe to the active submaps, and start and finish submaps when due."""
         # Two overlapping submaps are active. The newer one is half full when the older one is
         # finished; from then on, scans are matched to the newer one.
-        if not self._active or self._way(self._active[-1], number) >= 0.5 * self._config.submap_m:
+        half_m = 0.5 * self._config.submap_m
+        if (
+            not self._active
+            or self._ways_m[number] - self._ways_m[self._active[-1].anchor] >= half_m
+        ):
             self._active.append(Submap(self._config.grid, number, self._tracker.pose))
             self.submaps.append(self._active[-1])
         if len(self._active) > 2:
@@ -239,11 +246,6 @@ class GraphMapper:
             self._submap_ended = True
         for submap in self._active:
             submap.add(number, points, origins, self._tracker.pose)
-
-    def _way(self, submap: Submap, number: int) -> float:
-        """Return how far the robot has gone and turned in a submap, see `_way`."""
-        poses = self._locals[submap.anchor : number + 1]
-        return sum(_way(between(a, b)) for a, b in pairwise(poses))
 
     def _complete(self, submap: Submap) -> None:
         """Finish a submap. From then on it is searched for closures."""

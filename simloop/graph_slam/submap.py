@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from simloop.config import SlamConfig
 from simloop.graph_slam.densify import densified
+from simloop.graph_slam.evidence import FREE_BELOW
 from simloop.mapping.grid_map import GridMap
 from simloop.messages import FloatArray
-
-_FREE_BELOW = -0.3  # a cell with lower log-odds was seen free more than once
 
 
 class Submap:
@@ -142,6 +141,6 @@ def _meetings(
                 near = near or occupied[r, c]
         if near:
             met += 1
-        elif log_odds[row, col] < _FREE_BELOW:
+        elif log_odds[row, col] < FREE_BELOW:
             free += 1
     return met, free

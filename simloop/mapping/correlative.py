@@ -27,6 +27,9 @@ MID, TOP = 4, 16
 _REACH = 3  # a surface raises the cells up to this many cells away
 _FINEST_TURN_RAD = 0.004  # smallest step of the headings in a search
 _COARSEST_TURN_RAD = 0.02  # largest step of the headings in a search
+NOTHING_EXCLUDED = np.empty((0, 5))
+"""What is excluded from a search by default."""
+
 Field = NDArray[np.uint8]
 
 
@@ -48,21 +51,6 @@ class SearchFields(NamedTuple):
     corner: FloatArray
     resolution: float
     outside: int = 0
-
-
-def heading_step(points: FloatArray, resolution: float) -> float:
-    """Choose the step of the headings in a search: it moves the far points by about a cell.
-
-    Args:
-        points: (n, 2) hits in base_link, m.
-        resolution: Side of a cell, m.
-
-    Returns:
-        The step, rad.
-    """
-    far = float(np.quantile(np.hypot(points[:, 0], points[:, 1]), 0.8))
-    far = max(far, resolution)  # all points may lie at the robot's centre
-    return float(np.clip(resolution / far, _FINEST_TURN_RAD, _COARSEST_TURN_RAD))
 
 
 @njit(cache=True)
@@ -130,6 +118,48 @@ def _is_near(x: float, y: float, yaw: float, places: FloatArray) -> bool:
         ):
             return True
     return False
+
+
+def heading_step(points: FloatArray, resolution: float) -> float:
+    """Choose the step of the headings in a search: it moves the far points by about a cell.
+
+    Args:
+        points: (n, 2) hits in base_link, m.
+        resolution: Side of a cell, m.
+
+    Returns:
+        The step, rad.
+    """
+    far = float(np.quantile(np.hypot(points[:, 0], points[:, 1]), 0.8))
+    far = max(far, resolution)  # all points may lie at the robot's centre
+    return float(np.clip(resolution / far, _FINEST_TURN_RAD, _COARSEST_TURN_RAD))
+
+
+def search_map(
+    points: FloatArray,
+    prior: FloatArray,
+    window: FloatArray,
+    weights: FloatArray,
+    fields: SearchFields,
+    least: float = 0.0,
+    excluded: FloatArray = NOTHING_EXCLUDED,
+) -> tuple[FloatArray, float]:
+    """Search as `search` does, with headings by `heading_step`.
+
+    Args:
+        points: (n, 2) hits in base_link, m.
+        prior: (3,) x, y, yaw of base_link in map, the middle of the window.
+        window: (2,) half the size of the window, m and rad.
+        weights: (2,) penalties, 1/m^2 and 1/rad^2, on the squared offsets from the prior.
+        fields: Search fields of the map.
+        least: The score of the pose must exceed this.
+        excluded: (k, 5) as in `search`.
+
+    Returns:
+        Pose (3,), and its score; -1 if there is none.
+    """
+    step = heading_step(points, fields.resolution)
+    return search(points, prior, window, weights, fields, step, least, excluded)
 
 
 @njit(cache=True)

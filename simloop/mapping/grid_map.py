@@ -16,11 +16,11 @@ from simloop.config import SlamConfig
 from simloop.geometry.se2 import transform_points
 from simloop.mapping.correlative import (
     MID,
+    NOTHING_EXCLUDED,
     TOP,
     SearchFields,
-    heading_step,
     raise_field,
-    search,
+    search_map,
 )
 from simloop.mapping.echoes import unanswered_surfaces
 from simloop.mapping.grid_kernels import (
@@ -39,7 +39,6 @@ NOWHERE_M = 100.0
 
 _CHUNK = 64  # the grid grows by this many cells; a multiple of the search fields' blocks
 _NO_POINTS = np.empty((0, 2))
-_NOTHING_EXCLUDED = np.empty((0, 5))
 
 
 class GridMap:
@@ -147,11 +146,9 @@ class GridMap:
         window: FloatArray,
         weights: FloatArray,
         least: float = 0.0,
-        excluded: FloatArray = _NOTHING_EXCLUDED,
+        excluded: FloatArray = NOTHING_EXCLUDED,
     ) -> tuple[FloatArray, float]:
-        """Search a window for the best pose in this map; see ``correlative.search``.
-
-        One step of the heading moves the far points by about a cell.
+        """Search a window for the best pose in this map; see ``correlative.search_map``.
 
         Args:
             points: (n, 2) hits in base_link, m.
@@ -165,10 +162,9 @@ class GridMap:
         Returns:
             Pose (3,), and its score; -1 if there is none.
         """
-        step = heading_step(points, self.resolution_m)
         fine, mid, top = self._fields
         fields = SearchFields(fine, mid, top, self.origin_m, self.resolution_m)
-        return search(points, prior, window, weights, fields, step, least, excluded)
+        return search_map(points, prior, window, weights, fields, least, excluded)
 
     def unanswered(
         self, ends: FloatArray, origins: FloatArray, pose: FloatArray, scans: int

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from simloop.messages import FloatArray
 from simloop.replay.clocks import choose_times, unit_of
 from simloop.replay.no_return import Ranges, longest_hit_m
-from simloop.replay.odometry import Odometry
+from simloop.replay.odometry import Odometry, are_plausible
 from simloop.replay.unused import Unused
 
 MOST_OFFSET_M = 10.0
@@ -23,7 +23,6 @@ _RANGE_MIN_M = 0.1  # nearer hits are ignored: they are the robot itself, or dus
 _ROUND, _ROUND_M = 0.005, 0.01  # ranges that differ by less are one: share, at least these metres
 _ROUND_HITS, _ROUND_SHARE = 10, 0.5  # hits of a scan that are all around: least number and share
 _CHUNK = 4096  # scans that are looked at at once
-_MOST_XY_M, _MOST_YAW_RAD = 1e8, 1e6  # larger odometry has lost its millimetres
 _MOST_WAY_M = 1e5  # a pose farther from the middle of all poses is an error
 
 
@@ -166,8 +165,7 @@ def _in_seconds(
 
 def _plausible(odom: FloatArray) -> NDArray[np.bool_]:
     """Return (n,) whether a pose is finite and not far away from the others."""
-    most = np.array([_MOST_XY_M, _MOST_XY_M, _MOST_YAW_RAD])
-    good = np.asarray((np.abs(odom) <= most).all(axis=1))  # False for NaN
+    good = are_plausible(odom)
     if good.any():
         middle = np.median(odom[good, :2], axis=0)
         good[good] = np.abs(odom[good, :2] - middle).max(axis=1) <= _MOST_WAY_M
@@ -176,8 +174,7 @@ def _plausible(odom: FloatArray) -> NDArray[np.bool_]:
 
 def _known_poses(reference: FloatArray, said: list[str]) -> FloatArray | None:
     """Return the poses, NaN where they are not plausible, and add a note on these."""
-    most = np.array([_MOST_XY_M, _MOST_XY_M, _MOST_YAW_RAD])
-    good = np.asarray((np.abs(reference) <= most).all(axis=1))  # False for NaN
+    good = are_plausible(reference)
     if not good.all():
         lost = int(np.count_nonzero(~good))
         said.append(f"{lost} of {len(good)} poses of the reference are not finite, or too large")

@@ -19,7 +19,7 @@ MEASURED, IN_GAP, OUTSIDE, LOST = range(4)
 """Whether there is a pose at an instant; if not: the odometry has a gap there, the instant lies
 outside the trajectory, or a scan beside it has no pose."""
 
-_MOST_M, _MOST_RAD = 1e8, 1e6  # larger odometry has lost its millimetres
+_MOST = np.array([1e8, 1e8, 1e6])  # of x, y, m, and yaw, rad: larger poses have lost millimetres
 
 _Places = NDArray[np.int64]
 
@@ -46,8 +46,7 @@ class Odometry:
         Returns:
             The lines with a plausible pose and a stamp that rises.
         """
-        most = np.array([_MOST_M, _MOST_M, _MOST_RAD])
-        good = (np.abs(self.poses) <= most).all(axis=1)  # False for NaN
+        good = are_plausible(self.poses)
         t_s, poses = self.clocks_s[clock][good], self.poses[good]
         rising = rising_part(t_s)
         return OdometryTrack(t_s[rising], poses[rising])
@@ -86,6 +85,18 @@ class OdometryTrack:
             _blend(self.poses[before], self.poses[after], share),
             np.where(known, pieces[before], -1),
         )
+
+
+def are_plausible(poses: FloatArray) -> NDArray[np.bool_]:
+    """Tell which poses are numbers that can be computed with.
+
+    Args:
+        poses: (n, 3) x, y, yaw, m, m, rad.
+
+    Returns:
+        (n,) whether each is finite and not too large.
+    """
+    return np.asarray((np.abs(poses) <= _MOST).all(axis=1))  # False for NaN
 
 
 def carry(

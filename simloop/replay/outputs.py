@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,6 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from simloop.common.errors import printable
 from simloop.common.files import (
     FilePlan,
     folder_lock,
@@ -19,7 +17,7 @@ from simloop.common.files import (
     temporary_name,
     written_together,
 )
-from simloop.common.terminal import print_table
+from simloop.common.terminal import print_lines, print_table
 from simloop.mapping.map_files import save_map
 from simloop.messages import FloatArray
 from simloop.replay.recording import record
@@ -135,17 +133,6 @@ def write(replay: Replay, files: ReplayFiles, name: str) -> None:
             recording.unlink(missing_ok=True)
 
 
-def print_notes(console: Console, notes: Sequence[str]) -> None:
-    """Print what was left out or assumed, one line each.
-
-    Args:
-        console: the console to print to.
-        notes: the sentences. They may quote the log.
-    """
-    for note in notes:
-        console.print(printable(note), markup=False, highlight=False, soft_wrap=True)
-
-
 def print_figures(console: Console, figures: dict[str, Any]) -> None:
     """Print the figures as a table, and below it what relations and reference measured.
 
@@ -159,4 +146,4 @@ def print_figures(console: Console, figures: dict[str, Any]) -> None:
             continue
         rows.append([key, f"{value:.4g}" if isinstance(value, float) else str(value)])
     print_table(console, "replay", ["figure", "value"], rows)
-    print_notes(console, measure_lines(figures))
+    print_lines(console, measure_lines(figures))

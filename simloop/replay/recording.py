@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from simloop.evaluation.trajectories import absolute_errors, aligned, in_both
+from simloop.evaluation.trajectories import absolute_errors, aligned
 from simloop.messages import FloatArray
 from simloop.recording.blueprint import arrange, make_plot, make_scene
 from simloop.recording.columns import lifted
@@ -65,7 +65,7 @@ def _blueprint(replay: Replay) -> rrb.Blueprint:
     size = grid.resolution_m * np.array(grid.log_odds.shape[::-1])
     bounds = np.concatenate([grid.origin_m, grid.origin_m + size])
     plots = [make_plot("Time of a scan, ms", "scan_ms"), make_plot("Fits nowhere", "unfitted")]
-    if _compared(replay).any():
+    if replay.compared() is not None:
         plots.insert(0, make_plot("Error to the reference, m", "error_reference"))
     scene = make_scene(bounds, "Map, trajectory and scans")
     return arrange(scene, rrb.Vertical(*plots), TIMELINE)
@@ -76,11 +76,11 @@ def _log_static(file: RecordingFile, replay: Replay) -> None:
     rr = file.rr
     file.log_static("map", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
     file.log_static("map/occupancy", occupancy(replay.map, 0.0))
-    found, both = replay.trajectory, _compared(replay)
+    found, compared = replay.trajectory, replay.compared()
     paths = {"mapper": found[np.isfinite(found[:, 0])], "odometry": replay.log.odom[: len(found)]}
-    if both.any():
-        assert replay.log.reference is not None
-        paths["reference"] = aligned(replay.log.reference[: len(found)][both], found[both])
+    if compared is not None:
+        reference, both = compared
+        paths["reference"] = aligned(reference[both], found[both])
     for name, poses in paths.items():
         _log_strips(file, f"map/trails/{name}", [poses[:, :2]], name, 0.02)
     if replay.closures:
@@ -117,13 +117,11 @@ def _send_scans(file: RecordingFile, replay: Replay) -> None:
 
 def _send_plots(file: RecordingFile, replay: Replay) -> None:
     """Log what changes from scan to scan."""
-    t_ns, both = _times_ns(replay), _compared(replay)
-    if both.any():
-        assert replay.log.reference is not None
-        count = len(replay.trajectory)
-        reference = replay.log.reference[:count][both]
-        for name, poses in (("mapper", replay.trajectory), ("odometry", replay.log.odom[:count])):
-            errors = absolute_errors(reference, poses[both])
+    t_ns, compared = _times_ns(replay), replay.compared()
+    if compared is not None:
+        reference, both = compared
+        for name, poses in (("mapper", replay.trajectory), ("odometry", replay.log.odom)):
+            errors = absolute_errors(reference[both], poses[: len(both)][both])
             entity = f"error_reference/{name}"
             look = file.rr.SeriesLines(names=name, colors=_COLOURS[name])
             file.log_static(f"plots/{entity}", look)
@@ -132,15 +130,6 @@ def _send_plots(file: RecordingFile, replay: Replay) -> None:
     unfitted[list(replay.unfitted)] = 1.0
     file.send_scalars("unfitted", t_ns, unfitted)
     file.send_scalars("scan_ms", t_ns, replay.scan_ms)
-
-
-def _compared(replay: Replay) -> Any:
-    """Return (n,) whether a scan's pose is compared with a reference; nowhere if only one is."""
-    count, reference = len(replay.trajectory), replay.log.reference
-    if reference is None:
-        return np.zeros(count, np.bool_)
-    both = in_both(reference[:count], replay.trajectory)
-    return both & (np.count_nonzero(both) > 1)
 
 
 def _times_ns(replay: Replay) -> Any:

@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simloop.common.errors import InputError
-from simloop.common.input_files import read_text
-from simloop.common.limits import LOG_SCANS, check_limit
+from simloop.common.limits import LOG_SCANS
 from simloop.messages import FloatArray
 from simloop.replay.laser_log import LaserLog
-from simloop.replay.relations import clock_of
+from simloop.replay.relations import clock_of, read_rows
 
 _MOST_APART_S = 0.1  # between a pose and its scan, if half the usual scan step is not less
 _MOST = np.array([1e12, 1e8, 1e8, 1e8, 1e6, 1e6, 1e6, 1e6])  # t x y z qx qy qz qw
@@ -37,26 +36,8 @@ def read_tum(path: Path) -> tuple[FloatArray, list[str]]:
         InputError: if the file or one of its lines cannot be read.
     """
     name = f"--reference {path}"
-    rows: list[list[float]] = []
-    try:
-        text = read_text(path)
-    except InputError as error:
-        raise InputError(f"--reference {error}") from None
-    for number, line in enumerate(text.split("\n"), 1):
-        words = line.split("#")[0].split()
-        if not words:
-            continue
-        try:
-            row = [float(word) for word in words]
-        except ValueError:
-            row = []
-        if len(row) != 8 or "_" in line:  # Python would read 1_0 as 10
-            raise InputError(f"{name}, line {number}: must be t x y z qx qy qz qw, all numbers")
-        check_limit(len(rows) + 1, 10 * LOG_SCANS, f"{name}: poses")
-        rows.append([number, *row])
-    if not rows:
-        raise InputError(f"{name}: the file has no pose")
-    table = np.array(rows)
+    rows = read_rows("--reference", path, (8,), "t x y z qx qy qz qw", 10 * LOG_SCANS, "pose")
+    table = np.array([[number, *row] for number, row in rows])
     good = (np.abs(table[:, 1:]) <= _MOST).all(axis=1)  # False for NaN
     norm = np.hypot.reduce(np.where(good[:, None], table[:, 5:], 1.0), axis=1)
     good &= np.abs(norm - 1.0) < 0.1

@@ -63,8 +63,53 @@ class RelationErrors:
         Returns:
             Name to value.
         """
-        named = {name: getattr(self, name) for name in self.__slots__[:7]}
+        named = {
+            name: getattr(self, name) for name in self.__slots__ if name not in ("t_s", "off_m")
+        }
         return {**named, "left_out": self.in_gaps + self.outside + self.lost}
+
+
+def read_rows(
+    option: str, path: Path, widths: tuple[int, ...], must: str, most: int, what: str
+) -> list[tuple[int, list[float]]]:
+    """Read a text file with numbers in each line, and comments after ``#``.
+
+    Args:
+        option: the option that names the file, for error messages.
+        path: the file.
+        widths: how many numbers a line may have.
+        must: what these are, for error messages.
+        most: the largest number of rows.
+        what: what a row is, for error messages.
+
+    Returns:
+        Number of the line, from 1, and its numbers; at least one row.
+
+    Raises:
+        InputError: if the file or one of its lines cannot be read, or if there are no rows, or too
+            many.
+    """
+    name = f"{option} {path}"
+    rows: list[tuple[int, list[float]]] = []
+    try:
+        text = read_text(path)
+    except InputError as error:
+        raise InputError(f"{option} {error}") from None
+    for number, line in enumerate(text.split("\n"), 1):
+        words = line.split("#")[0].split()
+        if not words:
+            continue
+        try:
+            row = [float(word) for word in words]
+        except ValueError:
+            row = []
+        if len(row) not in widths or "_" in line:  # Python would read 1_0 as 10
+            raise InputError(f"{name}, line {number}: must be {must}, all numbers")
+        check_limit(len(rows) + 1, most, f"{name}: {what}s")
+        rows.append((number, row))
+    if not rows:
+        raise InputError(f"{name}: the file has no {what}")
+    return rows
 
 
 def read_relations(path: Path) -> FloatArray:
@@ -80,29 +125,9 @@ def read_relations(path: Path) -> FloatArray:
         InputError: if the file or one of its lines cannot be read.
     """
     name = f"--relations {path}"
-    rows: list[list[float]] = []
-    try:
-        text = read_text(path)
-    except InputError as error:
-        raise InputError(f"--relations {error}") from None
-    for number, line in enumerate(text.split("\n"), 1):
-        words = line.split("#")[0].split()
-        if not words:
-            continue
-        try:
-            row = [float(word) for word in words]
-        except ValueError:
-            row = []
-        if len(row) not in (5, 8) or "_" in line:  # Python would read 1_0 as 10
-            raise InputError(
-                f"{name}, line {number}: must be t1 t2 x y z roll pitch yaw, "
-                "or t1 t2 dx dy dyaw, all numbers"
-            )
-        check_limit(len(rows) + 1, RELATIONS, f"{name}: relations")
-        rows.append([number, *row[:4], row[-1]])
-    if not rows:
-        raise InputError(f"{name}: the file has no relation")
-    table = np.array(rows)
+    must = "t1 t2 x y z roll pitch yaw, or t1 t2 dx dy dyaw"
+    rows = read_rows("--relations", path, (5, 8), must, RELATIONS, "relation")
+    table = np.array([[number, *row[:4], row[-1]] for number, row in rows])
     wrong = first_implausible(table[:, 1:])
     if wrong is not None:
         raise InputError(f"{name}, line {table[wrong, 0]:.0f}: {IMPLAUSIBLE}")

@@ -6,6 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from simloop.evaluation.trajectories import in_both
 from simloop.mapping.grid_map import GridMap
 from simloop.messages import FloatArray
 from simloop.replay.laser_log import LaserLog
@@ -54,6 +58,19 @@ class Replay:
     unfitted: Sequence[int]
     scan_ms: FloatArray
     range_max_m: float
+
+    def compared(self) -> tuple[FloatArray, NDArray[np.bool_]] | None:
+        """Find what of the trajectory can be compared with the log's reference.
+
+        Returns:
+            (n, 3) the reference at each replayed scan, and (n,) at which of them both have a pose;
+            None if there are fewer than two.
+        """
+        if self.log.reference is None:
+            return None
+        reference = self.log.reference[: len(self.trajectory)]
+        both = in_both(reference, self.trajectory)
+        return (reference, both) if np.count_nonzero(both) > 1 else None
 
 
 def measure_lines(figures: dict[str, Any]) -> list[str]:

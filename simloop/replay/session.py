@@ -109,11 +109,15 @@ def measure(
 def _judged(log: LaserLog, poses: FloatArray, relations: FloatArray | None) -> dict[str, Any]:
     """Return the errors of the trajectory and of the odometry, by relations and reference."""
     figures: dict[str, Any] = {}
-    for name, some in (("", poses), ("odometry_only", log.odom[: len(poses)])):
+    count = len(poses)
+    for by_relations, by_reference, some in (
+        ("relations", "reference", poses),
+        ("odometry_only", "odometry_only_reference", log.odom[:count]),
+    ):
         errors = measure(log, some, relations)
-        figures[name or "relations"] = errors and errors.figures()
-        compared = None if log.reference is None else compare(log.reference[: len(some)], some)
-        figures[f"{name}_reference".lstrip("_")] = compared and compared.figures()
+        figures[by_relations] = errors and errors.figures()
+        compared = None if log.reference is None else compare(log.reference[:count], some)
+        figures[by_reference] = compared and compared.figures()
     return figures
 
 

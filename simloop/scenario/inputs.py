@@ -111,13 +111,17 @@ def files_behind(path: Path, what: str, model_path: Sequence[str] = ()) -> dict[
         new = [folder for folder in more if folder not in folders]
         folders += new
         named.append((one.parent, names))
-        for folder, inside in named if new else named[-1:]:
-            for name in inside:
-                for place in _places(name, (folder, path.parent), folders, model_path):
-                    for other in _existing(place):
-                        if other not in found:
-                            found[other] = f"a file of {what}"
-                            todo.append(other)
+        # A folder that is named only now may hold what earlier files name.
+        places = (
+            place
+            for folder, inside in (named if new else named[-1:])
+            for name in inside
+            for place in _places(name, (folder, path.parent), folders, model_path)
+        )
+        for other in (one for place in places for one in _existing(place)):
+            if other not in found:
+                found[other] = f"a file of {what}"
+                todo.append(other)
     return found
 
 

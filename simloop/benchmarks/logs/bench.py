@@ -47,7 +47,20 @@ class Task:
     @property
     def label(self) -> str:
         """Name for people, with the step of a thinned log."""
-        return self.name if self.thin_m is None else f"{self.name}, {self.thin_m:g} m"
+        return label(self.name, self.thin_m)
+
+
+def label(name: str, thin_m: float | None) -> str:
+    """Name a log for people.
+
+    Args:
+        name: Its name.
+        thin_m: Distance between two scans if it is thinned; None if not.
+
+    Returns:
+        The name, with the step of a thinned log.
+    """
+    return name if thin_m is None else f"{name}, {thin_m:g} m"
 
 
 def find_logs(folder: Path) -> tuple[dict[str, Path], list[str]]:

@@ -8,10 +8,10 @@ from typing import Any
 
 from rich.console import Console
 
-from simloop.benchmarks.logs.bench import Row, Task, failure
+from simloop.benchmarks.logs.bench import Row, Task, failure, label
 from simloop.common.files import make_directory, write_text
 from simloop.common.html_images import filled
-from simloop.common.terminal import print_table
+from simloop.common.terminal import print_lines, print_table
 
 INDEX = "index.html"
 """Name of the page with the table, in the directory of ``--report``."""
@@ -79,8 +79,7 @@ def print_figures(console: Console, figures: dict[str, Any]) -> None:
     """
     rows = figures["logs"]
     print_table(console, "recorded logs", header(), [cells(row) for row in rows])
-    for line in failures(rows):
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    print_lines(console, failures(rows))
 
 
 def failures(rows: Sequence[Row]) -> list[str]:
@@ -92,8 +91,8 @@ def failures(rows: Sequence[Row]) -> list[str]:
     Returns:
         A sentence for each.
     """
-    named = ((row, failure(row)) for row in rows)
-    return [f"{', '.join(cells(row)[:2])}: {why}".replace(", -:", ":") for row, why in named if why]
+    named = ((label(row["name"], row["thin_m"]), failure(row)) for row in rows)
+    return [f"{name}: {why}" for name, why in named if why]
 
 
 def write_index(directory: Path, tasks: Sequence[Task], figures: dict[str, Any]) -> None:

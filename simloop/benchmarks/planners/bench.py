@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -36,8 +35,9 @@ from simloop.benchmarks.planners.trials import (
     settings,
     time_plans,
 )
-from simloop.common.errors import InputError, did_you_mean, printable
-from simloop.common.terminal import print_table
+from simloop.common.errors import InputError, did_you_mean
+from simloop.common.pool import processes
+from simloop.common.terminal import print_lines, print_table
 from simloop.config import PlannerConfig
 from simloop.evaluation.provenance import machine, versions
 from simloop.planners import registry
@@ -258,13 +258,11 @@ def _measure(
         history=request.history,
         few=SEEDS_SLOW if request.seeds is None else None,
     )  # fmt: skip
-    for scene, idle in left_out(result.tasks, planners).items():
-        text = f"note: {scene}: not for worlds of this kind, so left out: {', '.join(idle)}"
-        bar.console.print(printable(text), markup=False, highlight=False, soft_wrap=True)
+    print_lines(bar.console, left_out(result.tasks, planners), "note: ")
     if not jobs:
         raise InputError("--planners: none of these can plan in the worlds of these --scenes")
     bar.update(step, description="plans", total=len(jobs), completed=0)
-    workers = request.workers or os.cpu_count() or 1
+    workers = processes(request.workers)
     for job, trials in run_jobs(jobs, result.tasks, workers=workers, stop=stop):
         result.trials.setdefault(result.tasks[job.task].scene, []).extend(trials)
         bar.advance(step)

@@ -80,23 +80,23 @@ def make_jobs(
     return jobs
 
 
-def left_out(tasks: Sequence[Task], planners: Sequence[str]) -> dict[str, list[str]]:
-    """List the planners that get no job on a scene.
+def left_out(tasks: Sequence[Task], planners: Sequence[str]) -> list[str]:
+    """Describe the planners that get no job on a scene.
 
     Args:
         tasks: The tasks: all instances of all scenes.
         planners: The planners' names.
 
     Returns:
-        Scene -> planners that cannot plan in its world. Only scenes with such planners.
+        A sentence for each scene in whose world some of the planners cannot plan.
     """
-    found: dict[str, list[str]] = {}
+    said = []
     for scene in dict.fromkeys(task.scene for task in tasks):
         mine = [task.instance for task in tasks if task.scene == scene]
         names = [name for name in planners if not any(handles(name, one) for one in mine)]
         if names:
-            found[scene] = names
-    return found
+            said.append(f"{scene}: not for worlds of this kind, so left out: {', '.join(names)}")
+    return said
 
 
 def do_job(job: Job, one: Instance, stop: Callable[[], bool] = lambda: False) -> list[Trial]:

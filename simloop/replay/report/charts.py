@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.collections import LineCollection
@@ -23,6 +23,15 @@ _MOST_SCANS = 3000  # drawn at the poses of the reference
 _MOST_PIXELS = 1500  # along a side of the picture of these scans
 _LEAST_M = 1e-3  # smaller errors are drawn as this, because the scale is logarithmic
 _DPI = 110
+_TRAJECTORIES = (("odometry alone", _OTHER), ("mapper", _PATH))
+
+
+class _Panel(NamedTuple):
+    """Errors over time: what they are, the style, and (times, errors) of each trajectory."""
+
+    what: str
+    style: str
+    lines: list[tuple[FloatArray, FloatArray]]
 
 
 def beside(replay: Replay) -> tuple[str, FloatArray]:
@@ -35,11 +44,10 @@ def beside(replay: Replay) -> tuple[str, FloatArray]:
         What they are: the reference, or the odometry if there is none; and (n, 3) poses in the
         frame of the map, m, m, rad, NaN where there is none.
     """
-    found = replay.trajectory
-    reference = replay.log.reference
+    found, compared = replay.trajectory, replay.compared()
     name, poses = "odometry alone", replay.log.odom[: len(found)]
-    if reference is not None and in_both(reference[: len(found)], found).sum() > 1:
-        name, poses = "the reference", reference[: len(found)]
+    if compared is not None:
+        name, poses = "the reference", compared[0]
     both, moved = in_both(poses, found), np.full(poses.shape, np.nan)
     if both.any():
         moved[both] = aligned(poses[both], found[both])
@@ -103,11 +111,14 @@ def errors(replay: Replay) -> str:
     Returns:
         HTML image.
     """
-    panels = [panel for panel in (_by_reference, _by_relations) if panel(None, replay)]
+    panels = [panel for panel in (_by_reference(replay), _by_relations(replay)) if panel]
     figure = Figure(figsize=(15.0, 2.4 * len(panels) + 2.4), layout="constrained", dpi=_DPI)
     axes = figure.subplots(len(panels) + 1, 1, sharex=True, squeeze=False)[:, 0]
     for axis, panel in zip(axes, panels, strict=False):
-        panel(axis, replay)
+        for (name, colour), (at_s, off_m) in zip(_TRAJECTORIES, panel.lines, strict=True):
+            off_m = np.maximum(off_m, _LEAST_M)
+            axis.plot(at_s, off_m, panel.style, color=colour, lw=0.9, ms=3, label=name)
+        axis.set_ylabel(panel.what, fontsize=8)
         axis.legend(fontsize=7, loc="upper right")
     t_s = _since_start(replay)
     axes[-1].plot(t_s, np.maximum(replay.scan_ms, 1e-3), ".", color=_PATH, ms=2)
@@ -122,41 +133,33 @@ def errors(replay: Replay) -> str:
     return drawn(figure, "errors over time")
 
 
-def _by_reference(axis: Any, replay: Replay) -> bool:
-    """Draw the position errors against the reference; return whether there are any."""
-    reference, count = replay.log.reference, len(replay.trajectory)
-    if reference is None or in_both(reference[:count], replay.trajectory).sum() < 2:
-        return False
-    if axis is not None:
-        named = (("odometry alone", replay.log.odom[:count], _OTHER),
-                 ("mapper", replay.trajectory, _PATH))  # fmt: skip
-        for name, poses, colour in named:
-            both = in_both(reference[:count], poses)
-            off = absolute_errors(reference[:count][both], poses[both])
-            t_s = _since_start(replay)[both]
-            axis.plot(t_s, np.maximum(off, _LEAST_M), color=colour, lw=0.9, label=name)
-        axis.set_ylabel("error to the reference, m", fontsize=8)
-    return True
+def _by_reference(replay: Replay) -> _Panel | None:
+    """Compute the position errors against the reference."""
+    compared = replay.compared()
+    if compared is None:
+        return None
+    reference, both = compared
+    lines = []
+    for poses in (replay.log.odom[: len(both)], replay.trajectory):
+        known = in_both(reference, poses)
+        off = absolute_errors(reference[known], poses[known])
+        lines.append((_since_start(replay)[known], off))
+    return _Panel("error to the reference, m", "-", lines)
 
 
-def _by_relations(axis: Any, replay: Replay) -> bool:
-    """Draw the translation errors by relations; return whether there are any."""
+def _by_relations(replay: Replay) -> _Panel | None:
+    """Compute the translation errors by relations."""
     log, relations = replay.log, replay.relations
-    found = measure(log, replay.trajectory, relations)
-    if relations is None or found is None or not found.count:
-        return False
-    if axis is not None:
-        clock = log.clocks_s[clock_of(log, relations[:, :2])]
-        start = clock[np.isfinite(clock)][0]
-        named = (("odometry alone", log.odom[: len(replay.trajectory)], _OTHER),
-                 ("mapper", replay.trajectory, _PATH))  # fmt: skip
-        for name, poses, colour in named:
-            one = measure(log, poses, relations)
-            if one is not None:
-                off = np.maximum(one.off_m, _LEAST_M)
-                axis.plot(one.t_s - start, off, ".", color=colour, ms=3, label=name)
-        axis.set_ylabel("error by relations, m", fontsize=8)
-    return True
+    odometry, mapper = (
+        measure(log, poses, relations)
+        for poses in (log.odom[: len(replay.trajectory)], replay.trajectory)
+    )
+    if relations is None or odometry is None or mapper is None or not mapper.count:
+        return None
+    clock = log.clocks_s[clock_of(log, relations[:, :2])]
+    start = clock[np.isfinite(clock)][0]
+    lines = [(one.t_s - start, one.off_m) for one in (odometry, mapper)]
+    return _Panel("error by relations, m", ".", lines)
 
 
 def _since_start(replay: Replay) -> FloatArray:
